@@ -119,7 +119,6 @@ def grown(
     base: Point,
     score: Callable[[Sequence[Candidate]], Scores],
     looked: Looked,
-    least: float,
 ) -> SparseFormula | None:
     """A formula with one term more, for what a fit leaves; None where no function or term is likely.
 
@@ -128,11 +127,10 @@ def grown(
         base: the fit.
         score: of candidates beside it.
         looked: what is likely beside it.
-        least: log odds of what is likely.
     """
     old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
     found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
-    if len(old.terms) >= MAX_TERMS or found[0].log_odds <= least:
+    if len(old.terms) >= MAX_TERMS or found[0].log_odds <= 0.0:
         return None
     block = found[0].block
     if block is None:

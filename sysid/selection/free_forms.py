@@ -25,7 +25,7 @@ from models import formula as kinds
 from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
-from sysid.selection.score import Candidate, Scatter, Scores, candidate
+from sysid.selection.score import Candidate, Scores, candidate
 from sysid.selection.terms import COEFFICIENT_WIDTHS, SEEN_BY, Term, shapes, straight
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
@@ -122,12 +122,15 @@ class Cause:
     mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
 
 
-def log_odds(information: Array, gradient: Array, covariance: Array, scatter: Scatter) -> float:
-    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module."""
-    root, more = np.linalg.cholesky(_regular(covariance)), max(scatter.effect, 1.0)
-    matrix, right = np.eye(len(root)) + root.T @ information @ root / more, root.T @ gradient
-    gain = 0.5 * float(right @ np.linalg.solve(matrix, right)) / more
-    return scatter.counted(gain) - 0.5 * float(np.linalg.slogdet(matrix)[1])
+def log_odds(information: Array, gradient: Array, covariance: Array) -> tuple[float, float]:
+    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses, see the module; and the gain.
+
+    The first is less than the gain of log likelihood by what the unknowns might have been.
+    """
+    root = np.linalg.cholesky(_regular(covariance))
+    matrix, right = np.eye(len(root)) + root.T @ information @ root, root.T @ gradient
+    gain = 0.5 * float(right @ np.linalg.solve(matrix, right))
+    return gain - 0.5 * float(np.linalg.slogdet(matrix)[1]), gain
 
 
 def _regular(covariance: Array) -> Array:
@@ -149,10 +152,13 @@ def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
             priors = [np.diag((size * usual[name]) ** 2) for size in USUAL_SIZES]
         else:
             priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
-        odds = np.array([log_odds(information, gradient, prior, scatter) for prior in priors])
+        seen = [log_odds(information, gradient, prior) for prior in priors]
+        odds = np.array([one for one, _ in seen])
         prior = priors[int(np.argmax(odds))]
+        # Shots that scatter by themselves are as likely a cause as any.
+        alone = mean_odds(np.array([one - gain + scatter.counted(gain) for one, gain in seen]))
         mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
-        found.append(Cause(name, mean_odds(odds), block, mean))
+        found.append(Cause(name, mean_odds(odds) if alone > 0.0 else min(alone, mean_odds(odds)), block, mean))
     return sorted(found, key=lambda cause: -cause.log_odds)
 
 

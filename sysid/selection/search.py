@@ -38,7 +38,8 @@ from sysid.selection.screening import FittedCandidate, Screening, candidates_for
 from sysid.selection.terms import Term
 from sysid.selection.view import View
 
-ERROR_RATE = 0.05  # probability that there is nothing, at which a cause is added
+ERROR_RATE = 0.05  # that is left to nothing, or to shots that scatter by themselves, where a cause is added
+SURE = math.log((1.0 - ERROR_RATE) / ERROR_RATE)  # log odds
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
 V = TypeVar("V", bound=View)  # of windows or of whole shots
@@ -88,9 +89,17 @@ class Judged(Generic[V]):
     view: V
     unknowns: tuple[Unknown, ...]  # what it has more
     log_odds: float  # of it over the fit without
+    over_scatter: float  # log odds over shots that scatter by themselves
     evidence: Evidence
     holds: bool  # whether shots held out do not speak against it
     occam: float  # what its unknowns lose by what they might have been, in log likelihood
+
+    def is_likely(self, count: int) -> bool:
+        """Whether, of so many causes, this one is sure but for `ERROR_RATE`.
+
+        Beforehand all causes together are as likely as nothing, and one that lets shots scatter as any one of them.
+        """
+        return self.holds and self.log_odds > math.log(count) + SURE and self.over_scatter > SURE
 
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
@@ -101,18 +110,19 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     """
     rows = _rows(more, unknowns)
     information, scatter = more.told_of(rows)
-    occam = _occam(more, unknowns, information / max(scatter.effect, 1.0))
-    gain = scatter.counted(less.gain(more) / more.design_effect) + _known(less, more)
+    occam = _occam(more, unknowns, information)
+    gain, known = less.gain(more) / more.design_effect, _known(less, more)
+    odds, alone = gain + known + occam, scatter.counted(gain) + known + occam
     held = less.held_gains(more)
     holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
     names = ", ".join(one.name for one in unknowns)
     log.info(
-        "%s: log odds %.1f, scatter %.1f of %.1f values, held out %.0f",
-        names, gain + occam, scatter.effect, scatter.values, held.sum(),
+        "%s: log odds %.1f over nothing, %.1f over shots that scatter by themselves (%.1f, %.1f values), held out %.0f",
+        names, odds, alone, scatter.effect, scatter.values, held.sum(),
     )  # fmt: skip
-    tau = more.design_effect * max(scatter.effect, 1.0)
-    bic = 2.0 * gain - len(rows) * math.log(max(more.count / tau, 2.0))
-    return Judged(more, tuple(unknowns), gain + occam, Evidence(bic, 2.0 * gain, tau, gain + occam), holds, occam)
+    bic = 2.0 * gain - len(rows) * math.log(max(more.count / more.design_effect, 2.0))
+    seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
+    return Judged(more, tuple(unknowns), odds, alone, seen, holds, occam)
 
 
 def _known(less: View, more: View) -> float:
@@ -124,10 +134,8 @@ def likelier(one: Judged[V], two: Judged[V]) -> float:
     """Log of the marginal likelihood of the second over that of the first, neither of which need hold the other."""
     first, second = one.view.beside(two.view), two.view.beside(one.view)
     gain = first.gain(second)
-    better, unknowns = (second, two.unknowns) if gain > 0 else (first, one.unknowns)
-    scatter = better.told_of(_rows(better, unknowns))[1]
-    counted = math.copysign(scatter.counted(abs(gain) / better.design_effect), gain)
-    return counted + _known(first, second) + two.occam - one.occam
+    better = second if gain > 0 else first
+    return gain / better.design_effect + _known(first, second) + two.occam - one.occam
 
 
 def _rows(view: V, unknowns: Sequence[Unknown]) -> Index:
@@ -154,6 +162,7 @@ class Round(Generic[V]):
     screening: Screening
     view: V  # with it, or as it was
     formula: SparseFormula | None  # that the view has
+    count: int  # of causes that were scored
 
     @property
     def name(self) -> str | None:
@@ -164,11 +173,9 @@ class Round(Generic[V]):
 def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
     """The likeliest cause beside a fit, added to it; `formula` is that it has. The same fit where nothing is likely."""
     seen = look(view.point, view.scores, formula, candidates_for(view.model))
-    least = likely_from(len(seen.found))
-    named = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > 0.0]
-    if seen.found[0].log_odds <= least:
-        named = []
-    less = view.continued() if named or seen.found[0].log_odds > least else view
+    count = len(seen.found)
+    named = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > SURE]
+    less = view.continued() if seen.found[0].log_odds > SURE else view
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
     for _, row in named[:MAX_TRIALS]:
         if len(fits) >= MAX_FITS and good:
@@ -176,7 +183,7 @@ def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
         more = view.with_effect(row)
         at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
-        if at.log_odds > least and at.holds:
+        if at.is_likely(count):
             good.append((fits[-1], at))
     good = ranked(good)
     best = good[0] if good else None
@@ -187,16 +194,11 @@ def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
         view.fitted, scores, tuple(fits), confounded(scores), tied([one for one, _ in good]), view.windows,
         None if best is None else best[0],
     )  # fmt: skip
-    if seen.found[0].log_odds > least and (best is None or not best[1].view.leaves_noise):
-        grown = explained_by_terms(view, less, seen, formula, best and best[1], least)
+    if seen.found[0].log_odds > SURE and (best is None or not best[1].view.leaves_noise):
+        grown = explained_by_terms(view, less, seen, formula, best and best[1])
         if grown is not None:
-            return Round(dataclasses.replace(screening, best=None), *grown)
-    return Round(screening, view if best is None else best[1].view, formula)
-
-
-def likely_from(count: int) -> float:
-    """Log odds from which on one of so many causes, all together as likely as nothing, is likelier than chance."""
-    return math.log(count) + math.log((1.0 - ERROR_RATE) / ERROR_RATE)
+            return Round(dataclasses.replace(screening, best=None), *grown, count)
+    return Round(screening, view if best is None else best[1].view, formula, count)
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
@@ -229,7 +231,7 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
 
 
 def explained_by_terms(
-    view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, least: float
+    view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None
 ) -> tuple[V, SparseFormula] | None:
     """A formula with as many terms more as it takes to explain more than an effect, or with one where there is none.
 
@@ -239,16 +241,15 @@ def explained_by_terms(
         seen: what is likely beside it.
         formula: that it has already.
         rival: the fit with the effect.
-        least: log odds that a term must have.
     """
-    had = 0 if formula is None else len(formula.terms)
+    had, count = 0 if formula is None else len(formula.terms), len(seen.found)
     while True:
-        formula = grown(formula, view.point, view.scores, seen, least)
+        formula = grown(formula, view.point, view.scores, seen)
         if formula is None:
             return None
         more = view.with_effect(formula.score())
         at = judged(less.beside(more), more, unknowns_of_terms(formula.terms[-1:]))
-        if at.log_odds <= least or not at.holds:
+        if not at.is_likely(count):
             return None
         view = less = more.searched()
         terms = formula.terms[had:]
@@ -264,8 +265,7 @@ def outdoes(view: V, terms: Sequence[Term], rival: Judged[V]) -> bool:
     """
     beside = causes(rival.view.scores(term_candidates(terms)))[0].log_odds
     unknowns = unknowns_of_terms(terms)
-    information, scatter = view.told_of(_rows(view, unknowns))
-    occam = _occam(view, unknowns, information / max(scatter.effect, 1.0))
+    occam = _occam(view, unknowns, view.told_of(_rows(view, unknowns))[0])
     at = dataclasses.replace(rival, view=view, unknowns=tuple(unknowns), occam=occam)
     more = likelier(rival, at)
     log.info("%s: log odds %.1f over the best effect, %.1f beside it", terms[-1].name, more, beside)
@@ -273,7 +273,7 @@ def outdoes(view: V, terms: Sequence[Term], rival: Judged[V]) -> bool:
 
 
 def without_needless(
-    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, least: float
+    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, count: int
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
     """The fit without effects and terms that are no longer likelier than chance beside the others, the least first."""
     while len(verdict) + (0 if formula is None else len(formula.terms)) > 1:
@@ -290,7 +290,7 @@ def without_needless(
             fewer = formula.without(part, view.point) if formula is not None else None
             less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
         at = judged(less, view.beside(less), unknowns)
-        if at.log_odds > least and at.holds:
+        if at.is_likely(count):
             break
         log.info("%s is not needed", part if isinstance(part, str) else part.name)
         view, formula, verdict = less, fewer, tuple(name for name in verdict if name != part)
@@ -301,9 +301,8 @@ def _size(view: V, unknowns: Sequence[Unknown]) -> float:
     """What parameters are worth by their distance from where they do nothing, in log likelihood."""
     unknowns = [one for one in unknowns if one.sized]
     rows = _rows(view, unknowns)
-    information, scatter = view.told_of(rows)
     away = view.point.constants[rows] - np.array([one.middle for one in unknowns])
-    return scatter.counted(0.5 * float(away @ information @ away))
+    return 0.5 * float(away @ view.told_of(rows)[0] @ away)
 
 
 @dataclass(frozen=True)
@@ -325,8 +324,7 @@ def search(found: Found[V]) -> Iterator[tuple[Found[V], Screening]]:
             yield found, seen.screening
             return
         verdict = (*before, seen.name) if seen.name else before
-        least = likely_from(len(seen.screening.scores.rows))
-        view, kept, formula = without_needless(seen.view, verdict, seen.formula, least)
+        view, kept, formula = without_needless(seen.view, verdict, seen.formula, seen.count)
         gone = tuple(name for name in verdict if name not in kept)
         found = Found(view, kept, formula, (*found.dropped, *gone))
         yield found, seen.screening

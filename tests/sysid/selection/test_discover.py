@@ -15,12 +15,13 @@ from models.model_file import catalogue, full_model, read_model
 from models.simulation.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
-from sysid.estimation import FittedModel, begin
+from sysid.estimation import begin
 from sysid.report.result_json import result_of
-from sysid.selection.discover import discover, prune
+from sysid.selection.by_whole_shots import WholeShots
+from sysid.selection.discover import discover
 from sysid.selection.result import DiscoveryResult
-from sysid.selection.score import score_all
-from sysid.selection.screening import candidates_for, fit_candidate
+from sysid.selection.screening import candidates_for
+from sysid.selection.search import without_needless
 from tests.truth.__main__ import main as generate
 
 CLIPS = "8"
@@ -97,25 +98,36 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, words: tuple[s
 
 @pytest.mark.slow
 def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
-    """As where it was named beside a fit in a false optimum: the ladder ends without it."""
+    """As where it was named beside a fit in a false optimum."""
     clip_set = read_clip_set(
         clips(tmp_path / "set", 36, "--kind", "roll,cushion", "--effect", "air_drag=0.02", "--clips", "5")
     )
     parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
 
-    def added(to: FittedModel, name: str) -> FittedModel:
-        [score] = [s for s in score_all(to, candidates_for(to.model)).rows if s.candidate.name == name]
-        return fit_candidate(parts, to, score).fitted
+    def added(to: WholeShots, name: str) -> WholeShots:
+        [score] = [s for s in to.scores(candidates_for(to.model)).rows if s.candidate.name == name]
+        return to.with_effect(score)
 
-    first = added(base, "side_curve")
-    both = added(first, "air_drag")
-    verdicts = ((), ("side_curve",), ("side_curve", "air_drag"))
-    found = prune(parts, DiscoveryResult(parts, (base, first, both), verdicts, ()))
-    assert found.verdicts == ((), ("air_drag",))
-    assert found.ladder[0] is base and "air_drag.rate" in found.last.names
-    assert found.pruned == ("side_curve",)
-    assert found.last.chi2 < 1.05 < base.chi2
-    assert prune(parts, found) is found
+    both = added(added(WholeShots(parts, base), "side_curve"), "air_drag")
+    now, verdict, _ = without_needless(both, ("side_curve", "air_drag"), None, 290)
+    assert verdict == ("air_drag",)
+    assert "air_drag.rate" in now.names and "side_curve.gain" not in now.names
+    assert now.now.chi2 < 1.05 < base.chi2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "constant", "name"),
+    [("20290", "nose=-0.13", "nose_height.change"), ("20140", "hop=0.06", "cue_hop.time_per_speed")],
+)
+def test_an_effect_that_hides_from_its_derivative_is_found(tmp_path: Path, seed: str, constant: str, name: str) -> None:
+    """The fit without it is in a false optimum; or it grows with the square of its parameter."""
+    made = ("--seed", seed, "--clips", "12", "--seconds", "4", "--missing", "0.01", "--constant", constant)
+    assert generate([str(tmp_path / "set"), *made]) == 0
+    _, found = found_in(tmp_path / "set")
+    assert found.verdict == (name.split(".")[0],) and found.unexplained is None
+    value, sd = found.last.value(name)
+    assert abs(value - float(constant.partition("=")[2])) < 4 * sd < 0.01
 
 
 @pytest.mark.slow
@@ -136,8 +148,8 @@ def test_structure_outside_the_catalogue_becomes_an_effect(
     import models.model_file
 
     monkeypatch.setattr(models.model_file, "_added", dict(models.model_file._added))
-    words = ("--hidden", "drying_cloth=0.4", "--kind", "roll,cushion,stun,follow", "--clips", "14")
-    folder = clips(tmp_path / "set", 34, *words)
+    made = ("--hidden", "drying_cloth=0.4", "--kind", "roll,cushion,stun,follow", "--clips", "14")
+    folder = clips(tmp_path / "set", 34, *made)
     out = tmp_path / "out"
     assert cli.main(["discover", str(folder), "--out", str(out)]) == 0
     told = json.loads((out / "result.json").read_text())

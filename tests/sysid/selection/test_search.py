@@ -1,0 +1,114 @@
+"""A search for causes: what windows and whole shots name, what they do not, and what goes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models.effects.cloth.worn_patch import WornPatch
+from models.model_file import full_model
+from sysid.clips import read_clip_set
+from sysid.estimation.fitted import FittedModel
+from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
+from sysid.estimation.split import Split, fit_on, split
+from sysid.selection.by_whole_shots import WholeShots
+from sysid.selection.by_windows import Windows
+from sysid.selection.formula import SparseFormula, term_candidates
+from sysid.selection.free_forms import causes
+from sysid.selection.score import Scatter, candidate
+from sysid.selection.search import (
+    Found,
+    judged,
+    next_cause,
+    outdoes,
+    search,
+    unknowns_of,
+    without_needless,
+)
+from sysid.selection.terms import library
+from tests.truth.__main__ import main as generate
+
+Made = tuple[Split, WindowFit, FittedModel]
+
+
+@pytest.fixture(scope="module")
+def drag(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """Clips with a speed drag, which an air drag explains in part, fitted without it."""
+    folder = tmp_path_factory.mktemp("judge") / "drag"
+    words = ("--seed", "8", "--clips", "5", "--seconds", "1.5", "--kind", "roll,stun", "--effect", "speed_drag=0.06")
+    assert generate([str(folder), *words]) == 0
+    clip_set = read_clip_set(folder)
+    parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
+    return fit_from_nothing(parts, model)
+
+
+def test_windows_name_the_hidden_effect_and_not_what_resembles_it(drag: Made) -> None:
+    _, at, base = drag
+    windows = Windows(at, base)
+    found = next_cause(windows)
+    seen = found.screening
+    assert seen.windows == len(at.fitted.states) and seen.best is not None
+    assert found.name == seen.best.name == "speed_drag" and found.formula is None
+    after = next_cause(found.view)
+    assert after.name is None and after.screening.best is None and after.view is found.view
+
+
+def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
+    _, at, base = drag
+    found = next_cause(Windows(at, base))
+    row = next(row for row in found.screening.scores.rows if row.candidate.name == "side_curve")
+    more = found.view.with_effect(row)
+    seen = judged(found.view, more, unknowns_of(row.candidate, more.names))
+    assert seen.log_odds < 0.0
+    kept = without_needless(more, ("speed_drag", "side_curve"), None, 290)
+    assert kept[1:] == (("speed_drag",), None)
+    assert not any(name.startswith("side_curve") for name in kept[0].names)
+
+
+def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: Path) -> None:
+    """However many steps each of the two has come: beside the effect such a term explains nothing."""
+    words = ("--seed", "9", "--clips", "8", "--kind", "cushion", "--effect", "cushion_restitution_speed=0.09")
+    assert generate([str(tmp_path / "set"), *words]) == 0
+    clip_set = read_clip_set(tmp_path / "set")
+    parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
+    _, at, base = fit_from_nothing(parts, model)
+    windows = Windows(at, base)
+    found = next_cause(windows)
+    best = found.screening.best
+    assert best is not None and best.name == "cushion_restitution_speed"
+    term = next(t for t in library(clip_set.table) if t.name == "cushion_e_approach")
+    (alone,), (beside,) = (causes(view.scores(term_candidates([term]))) for view in (windows, found.view))
+    assert alone.log_odds > 5.0 and beside.log_odds < 0.0
+    with_term = windows.with_effect(SparseFormula((term,), (0.0,), alone.mean).score())
+    named = judged(windows, found.view, unknowns_of(best.score.candidate, found.view.names))
+    assert not outdoes(with_term, [term], named)
+    formula = SparseFormula((term,), (0.0,), np.array([1e-3]), ((),))
+    both = found.view.with_effect(formula.score())
+    assert without_needless(both, (best.name,), formula, 290)[1:] == ((best.name,), None)
+
+
+def test_whole_shots_name_it_as_well(drag: Made) -> None:
+    parts, _, base = drag
+    view = WholeShots(parts, fit_on(parts, base, base, "whole shots"))
+    *_, (found, last) = search(Found(view))
+    assert found.verdict == ("speed_drag",) and found.formula is None and last.best is None
+
+
+def test_a_few_shots_that_agree_do_not_count_for_more_than_they_are() -> None:
+    """At the noise a gain counts as it is; beyond it as the logarithm of what it explains, for every shot."""
+    assert Scatter(0.5, 20.0).counted(2.0) == pytest.approx(2.0)
+    assert Scatter(1.0, 4.0).counted(1000.0) == pytest.approx(0.5 * 4 * math.log(501.0))
+    assert Scatter(1.0, 1.0).counted(1000.0) < 5.0
+    assert Scatter(100.0, 6.0).counted(50.0) < 1.0
+
+
+def test_what_a_parameter_may_be_is_known_beforehand() -> None:
+    one = candidate(WornPatch)
+    unknowns = {
+        u.name.split(".")[1]: u for u in unknowns_of(one, [f"worn_patch.{key}" for key in one.effect.parameters()])
+    }
+    assert unknowns["roll"].sized and unknowns["roll"].middle == 0.0
+    assert not unknowns["x"].sized and unknowns["x"].sd > 0.1
