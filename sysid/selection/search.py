@@ -223,8 +223,10 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
         separated = fit[2] <= top - SEPARATED_LOG_ODDS
         return separated, 0 if separated else len(fit[1].unknowns), -fit[2]
 
-    found = []
-    for one, at, more in sorted(fits, key=rank):
+    found, fits = [], sorted(fits, key=rank)
+    if fits[0][1] is not first:
+        fits[0] = (fits[0][0], dataclasses.replace(fits[0][1], view=fits[0][1].view.searched()), fits[0][2])
+    for one, at, more in fits:
         seen = dataclasses.replace(one.evidence, log_odds=first.log_odds + more)
         found.append((dataclasses.replace(one, fitted=at.view.fitted, evidence=seen), at))
     return found
@@ -316,17 +318,25 @@ class Found(Generic[V]):
 
 
 def search(found: Found[V]) -> Iterator[tuple[Found[V], Screening]]:
-    """What a fit lacks, after each round in which a cause was looked for; the last found none."""
+    """What a fit lacks, after each round in which a cause was looked for; the last found none that stays."""
+    been = [_what(found)]
     while True:
         seen = next_cause(found.view, found.formula)
-        before = found.verdict
         if seen.view is found.view:
             yield found, seen.screening
             return
-        verdict = (*before, seen.name) if seen.name else before
+        verdict = (*found.verdict, seen.name) if seen.name else found.verdict
         view, kept, formula = without_needless(seen.view, verdict, seen.formula, seen.count)
         gone = tuple(name for name in verdict if name not in kept)
-        found = Found(view, kept, formula, (*found.dropped, *gone))
-        yield found, seen.screening
-        if kept == before and formula == found.formula:
+        now = Found(view if view is seen.view else view.searched(), kept, formula, (*found.dropped, *gone))
+        if _what(now) in been:  # what was added is what was dropped
+            yield found, seen.screening
             return
+        found = now
+        been.append(_what(found))
+        yield found, seen.screening
+
+
+def _what(found: Found[V]) -> tuple[frozenset[str], frozenset[str]]:
+    """The effects and terms of a fit."""
+    return frozenset(found.verdict), frozenset(t.name for t in (found.formula.terms if found.formula else ()))
