@@ -84,7 +84,7 @@ def _base_errors(clip_set: ClipSet, found: DiscoveryResult, progress: Progress) 
 def _print_diagnosis(found: DiscoveryResult) -> None:
     """Print the ranked candidates and the verdict."""
     seen = next(one for one in found.rounds if one.best is not None and one.best.name in found.verdict)
-    print("\n2. What could be missing? The evidence for each effect of the catalogue (delta BIC; 10 is enough):\n")
+    print("\n2. What could be missing? The evidence for each effect of the catalogue (delta BIC):\n")
     print(table(round_rows(seen)) + "\n")
     _print_indented(verdict_lines(Diagnosis(seen), None))
     if seen.confounded:

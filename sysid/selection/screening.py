@@ -59,8 +59,8 @@ class Screening:
 
     @property
     def margin(self) -> float:
-        """Log odds of the best fit over the next; infinite where no other candidate was fitted."""
-        odds = [one.evidence.log_odds for one in self.fits]
+        """Delta BIC of the best fit over the next; infinite where no other candidate was fitted."""
+        odds = [one.evidence.delta_bic for one in self.fits]
         return odds[0] - odds[1] if len(odds) > 1 else float("inf")
 
     @property

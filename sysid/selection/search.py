@@ -227,7 +227,9 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
     if fits[0][1] is not first:
         fits[0] = (fits[0][0], dataclasses.replace(fits[0][1], view=fits[0][1].view.searched()), fits[0][2])
     for one, at, more in fits:
-        seen = dataclasses.replace(one.evidence, log_odds=first.log_odds + more)
+        seen = dataclasses.replace(
+            one.evidence, log_odds=first.log_odds + more, delta_bic=order[0][0].evidence.delta_bic + 2.0 * more
+        )
         found.append((dataclasses.replace(one, fitted=at.view.fitted, evidence=seen), at))
     return found
 
