@@ -4,15 +4,13 @@ In: a fit (sysid/estimation). Out: a `DiscoveryResult`: the ladder of models, th
 next shot.
 
     score              score test: predicted improvement of every candidate, before any is fitted
-    screening          the candidates with the best scores fitted, ranked by evidence
-    trials             where the fit of a candidate begins
-    evidence           one fit against another; variance beyond noise
-    free_forms         where something is missing: unknown functions by their marginal likelihood
+    free_forms         causes, named or not, by their marginal likelihood; unknown functions
     terms, formula     structure outside the catalogue, as a sparse formula; effect_file writes it as an effect
-    judge              what whole shots name: an effect, a formula, or nothing
-    by_windows         the same where not every whole shot is followed, by windows of one impact each
+    view               a fit beside which causes are looked for: by_windows, by_whole_shots
+    search             one cause after another added, and what becomes needless dropped
+    screening          a round of it, as reports show it
+    evidence           one fit against another; variance beyond noise
     departures         single shots that depart from the others
-    pruning            effects that are no longer needed
     remainder          what neither effect nor formula explains
     stability          how often a verdict returns on other draws of the clips
     next_shot          the shot that separates two models best

@@ -122,15 +122,11 @@ class Cause:
     mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
 
 
-def log_odds(information: Array, gradient: Array, covariance: Array) -> tuple[float, float]:
-    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses, see the module; and the gain.
-
-    The first is less than the gain of log likelihood by what the unknowns might have been.
-    """
+def log_odds(information: Array, gradient: Array, covariance: Array) -> float:
+    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module."""
     root = np.linalg.cholesky(_regular(covariance))
     matrix, right = np.eye(len(root)) + root.T @ information @ root, root.T @ gradient
-    gain = 0.5 * float(right @ np.linalg.solve(matrix, right))
-    return gain - 0.5 * float(np.linalg.slogdet(matrix)[1]), gain
+    return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * np.linalg.slogdet(matrix)[1])
 
 
 def _regular(covariance: Array) -> Array:
@@ -146,19 +142,16 @@ def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
     for name, at in scores.blocks.items():
         probe = scores.probe[at]
         information = scores.schur_information[at, at] / np.outer(probe, probe)
-        gradient, scatter = scores.gradient[at] / probe, scores.scatter[name]
+        gradient = scores.gradient[at] / probe
         block = by_name.get(name)
         if block is None:
             priors = [np.diag((size * usual[name]) ** 2) for size in USUAL_SIZES]
         else:
             priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
-        seen = [log_odds(information, gradient, prior) for prior in priors]
-        odds = np.array([one for one, _ in seen])
+        odds = np.array([log_odds(information, gradient, prior) for prior in priors])
         prior = priors[int(np.argmax(odds))]
-        # Shots that scatter by themselves are as likely a cause as any.
-        alone = mean_odds(np.array([one - gain + scatter.counted(gain) for one, gain in seen]))
         mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
-        found.append(Cause(name, mean_odds(odds) if alone > 0.0 else min(alone, mean_odds(odds)), block, mean))
+        found.append(Cause(name, mean_odds(odds), block, mean))
     return sorted(found, key=lambda cause: -cause.log_odds)
 
 

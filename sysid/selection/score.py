@@ -13,12 +13,10 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import math
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -200,28 +198,6 @@ class Score:
     sudden: bool = False  # see `Signature`: then the prediction is a rough one
 
 
-class Scatter(NamedTuple):
-    """How shots scatter about a common value of some unknowns."""
-
-    effect: float  # variance, over what their information says
-    values: float  # that they give: of so many shots as tell of the unknowns
-
-    def over(self, design_effect: float) -> Scatter:
-        """The same, where information is less by a design effect."""
-        return Scatter(self.effect / design_effect, self.values)
-
-    def counted(self, gain: float) -> float:
-        """What a gain of log likelihood by these unknowns counts, where nobody knows how much shots scatter.
-
-        Each shot has its own value of them. These scatter by what their information says, or by as much more as is
-        likeliest, with the unknowns and without. So few shots that happen to agree do not count for more than they are.
-        """
-        return self._likelihood(self.effect) - self._likelihood(self.effect + 2.0 * gain / max(self.values, 1e-9))
-
-    def _likelihood(self, effect: float) -> float:
-        return -0.5 * self.values * (effect if effect <= 1.0 else 1.0 + math.log(effect))
-
-
 @dataclass(frozen=True)
 class Scores:
     """All candidates at one operating point."""
@@ -234,7 +210,6 @@ class Scores:
     marginal_information: Array  # (K,) of each probe alone, nothing projected off
     blocks: dict[str, slice]  # the probes of each candidate
     probe: Array  # (K,) parameter change of one probe
-    scatter: dict[str, Scatter]  # of shots about the likeliest values of each candidate
 
     def only(self, names: Collection[str]) -> Scores:
         """Of some candidates."""
@@ -334,42 +309,7 @@ def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Sco
         start += len(row.values)
     probes = np.concatenate([np.zeros(0), *(signatures[k].probe for k in kept)])
     order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
-    scatter = {}
-    for k in kept:
-        s = signatures[k]
-        step = (every[k].values - s.candidate.off()) / s.probe
-        at = projected_on(seen.information, seen.gradient, q, q + columns[k])
-        scatter[s.candidate.name] = scatter_on(*at, step).over(design_effect)
-    return Scores(order, seen.chi2, seen.count, schur, projected, marginal, blocks, probes, scatter)
-
-
-def projected_on(information: Array, gradient: Array, others: int | Index, rows: Index) -> tuple[Array, Array]:
-    """Losses of shots as quadratic ones of some unknowns alone, the others eliminated: (n, k, k) and (n, k).
-
-    Args:
-        information: (n, u, u) of each shot.
-        gradient: (n, u).
-        others: the unknowns to eliminate, or how many first ones.
-        rows: those that stay.
-    """
-    rest = np.arange(others) if isinstance(others, int) else others
-    total = information.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
-    own = total[np.ix_(rest, rest)] / np.outer(scale[rest], scale[rest])
-    lift = np.linalg.lstsq(own, total[np.ix_(rest, rows)] / scale[rest, None], rcond=1e-10)[0] / scale[rest, None]
-    way = np.zeros((len(total), len(rows)))
-    way[rest], way[rows] = -lift, np.eye(len(rows))
-    return np.einsum("uk,nuv,vl->nkl", way, information, way, optimize=True), gradient @ way
-
-
-def scatter_on(information: Array, gradient: Array, step: Array) -> Scatter:
-    """How gradients (n, k) of shots scatter, after a step (k,) to the optimum, beyond their information (n, k, k)."""
-    total, after = information.sum(axis=0), gradient + information @ step
-    inverse = np.linalg.pinv(total, rcond=1e-10, hermitian=True)
-    each = np.einsum("kl,nlk->n", inverse, information)
-    told = max(float(each.sum()), 1e-300)  # unknowns that are determined at all
-    shots = told**2 / max(float(np.sum(each**2)), 1e-300)
-    return Scatter(float(np.einsum("nk,kl,nl->", after, inverse, after)) / told, shots * told)
+    return Scores(order, seen.chi2, seen.count, schur, projected, marginal, blocks, probes)
 
 
 def _best_of_each(rows: Sequence[Score]) -> list[int]:

@@ -57,7 +57,7 @@ def test_nothing_missing_is_said_plainly() -> None:
     said = verdict_of(found())
     assert said.missing == "nothing that these clips show; the model suffices"
     assert said.size == "the rms miss is 10.0 mm (held out 11.0 mm); noise alone leaves 0.707 mm"
-    assert "no effect of the catalogue reaches a delta BIC of 10" in said.certainty
+    assert "nothing is likelier than that the model lacks nothing" in said.certainty
     assert said.next_step.startswith("plan shots")
 
 

@@ -18,7 +18,7 @@ from sysid.selection.by_whole_shots import WholeShots
 from sysid.selection.by_windows import Windows
 from sysid.selection.formula import SparseFormula, term_candidates
 from sysid.selection.free_forms import causes
-from sysid.selection.score import Scatter, candidate
+from sysid.selection.score import candidate
 from sysid.selection.search import (
     Found,
     judged,
@@ -29,6 +29,7 @@ from sysid.selection.search import (
     without_needless,
 )
 from sysid.selection.terms import library
+from sysid.selection.view import Scatter
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]
