@@ -95,6 +95,10 @@ class WholeShots(View):
         """The fit without an effect."""
         return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
 
+    def stripped(self, name: str) -> Self:
+        """The same without an effect, its other constants as they are."""
+        return dataclasses.replace(self, now=remove_effect(self.now, name))
+
     def beside(self, other: Self) -> Self:
         """The fit from the initial states of another one in the shots where they are likelier."""
         now = warm_started(self.parts, self.now, other.now, "from another optimum")

@@ -81,7 +81,11 @@ class Windows(View):
 
     def without(self, name: str) -> Self:
         """The fit without an effect."""
-        return dataclasses.replace(self, at=without_effect(self.at, name))
+        return dataclasses.replace(self, at=without_effect(self.at, name, CANDIDATE_STEPS))
+
+    def stripped(self, name: str) -> Self:
+        """The same without an effect, its other constants as they are."""
+        return dataclasses.replace(self, at=without_effect(self.at, name, 0))
 
     def beside(self, other: Self) -> Self:
         """The fit at the errors of the model that another one has."""
@@ -158,13 +162,13 @@ def with_effect(at: WindowFit, score: Score) -> WindowFit:
     return moved_to(at, fit_chain(chain, found.states, c, CANDIDATE_STEPS, f"with {one.name}"))
 
 
-def without_effect(at: WindowFit, name: str) -> WindowFit:
-    """The fit without one of its effects."""
+def without_effect(at: WindowFit, name: str, steps: int) -> WindowFit:
+    """The fit without one of its effects, after so many steps of the constants."""
     found = at.fitted
     keep = [k for k, n in enumerate(found.chain.names) if not n.startswith(f"{name}.")]
     names = tuple(found.chain.names[k] for k in keep)
     chain = found.chain.with_model(found.chain.model.without(name), names)
-    return moved_to(at, fit_chain(chain, found.states, found.constants[keep], CANDIDATE_STEPS, f"without {name}"))
+    return moved_to(at, fit_chain(chain, found.states, found.constants[keep], steps, f"without {name}"))
 
 
 def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:

@@ -89,8 +89,9 @@ class Looked:
     seen: dict[str, tuple[float, float]]  # ranges of variables
 
     def row(self, cause: Cause) -> Score:
-        """The score of a cause."""
-        return _row_of(cause.name, self.scores)
+        """The score of a cause; of an unknown function with its likeliest values."""
+        row = _row_of(cause.name, self.scores)
+        return row if cause.block is None else dataclasses.replace(row, values=row.candidate.off() + cause.mean)
 
 
 def look(

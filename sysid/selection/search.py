@@ -171,16 +171,29 @@ class Round(Generic[V]):
 
 
 def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
-    """The likeliest cause beside a fit, added to it; `formula` is that it has. The same fit where nothing is likely."""
-    seen = look(view.point, view.scores, formula, candidates_for(view.model))
-    count = len(seen.found)
-    named = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > SURE]
-    less = view.continued() if seen.found[0].log_odds > SURE else view
+    """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
+
+    A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
+    function is likeliest, it is fitted first: what has its shape is looked for, and fitted, at the constants beside it.
+
+    Args:
+        view: the fit.
+        formula: that it has.
+    """
+    named = candidates_for(view.model)
+    seen, start, less = look(view.point, view.scores, formula, named), view, view
+    count, first = len(seen.found), seen.found[0]
+    if first.log_odds > SURE:
+        less = view.continued()
+    if first.log_odds > SURE and first.block is not None:
+        start = view.with_effect(seen.row(first)).stripped(first.name)
+        seen = look(start.point, start.scores, formula, named)
+    rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > SURE]
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
-    for _, row in named[:MAX_TRIALS]:
+    for row in rows[:MAX_TRIALS]:
         if len(fits) >= MAX_FITS and good:
             break
-        more = view.with_effect(row)
+        more = start.with_effect(row)
         at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
         if at.is_likely(count):
@@ -195,7 +208,7 @@ def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
         None if best is None else best[0],
     )  # fmt: skip
     if seen.found[0].log_odds > SURE and (best is None or not best[1].view.leaves_noise):
-        grown = explained_by_terms(view, less, seen, formula, best and best[1])
+        grown = explained_by_terms(start, less, seen, formula, best and best[1])
         if grown is not None:
             return Round(dataclasses.replace(screening, best=None), *grown, count)
     return Round(screening, view if best is None else best[1].view, formula, count)
@@ -240,8 +253,8 @@ def explained_by_terms(
     """A formula with as many terms more as it takes to explain more than an effect, or with one where there is none.
 
     Args:
-        view: the fit without any of both.
-        less: the same after as many steps as one with a term gets.
+        view: a fit without any of both, from which those with terms begin.
+        less: the fit to compare them with.
         seen: what is likely beside it.
         formula: that it has already.
         rival: the fit with the effect.

@@ -90,6 +90,10 @@ class View(ABC):
         """The fit without an effect."""
 
     @abstractmethod
+    def stripped(self, name: str) -> Self:
+        """The same without an effect, its other constants as they are."""
+
+    @abstractmethod
     def beside(self, other: Self) -> Self:
         """The fit from where another one has led, and at its errors of the model, so that both can be compared."""
 
