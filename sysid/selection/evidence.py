@@ -20,7 +20,6 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.initial_states import fit_states, weighed_scores
 from sysid.estimation.problem import Array
 
-MAX_LOSS_RATIO = 1.5  # of the loss a few iterations after an effect was removed, if the effect is to be doubted
 MAX_LAG = 40  # samples, of the autocorrelation
 MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
 MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
