@@ -34,6 +34,7 @@ from sysid.selection.diagnose import ClipDiagnosis
 from sysid.selection.diagnose import diagnose as diagnose_clips
 from sysid.selection.discover import discover as discover_effects
 from sysid.selection.result import DiscoveryResult, Show
+from sysid.selection.search import ERROR_RATE
 
 SDS_OF_95_PERCENT = 1.96  # standard deviations to either side
 CALLED_FROM = "sysid.discover"  # what model files name as their origin
@@ -189,14 +190,17 @@ def fit(clips: ClipSet, model: Model | HasModel | None = None) -> FittedClips:
     return _as(FittedClips, fit_clips(clips, _start(clips, model)), clips=clips)
 
 
-def diagnose(clips: ClipSet, model: Model | HasModel | None = None) -> DiagnosedClips:
+def diagnose(clips: ClipSet, model: Model | HasModel | None = None, error_rate: float = ERROR_RATE) -> DiagnosedClips:
     """Which effect of the catalogue a model lacks, if any."""
-    return _as(DiagnosedClips, diagnose_clips(clips, _start(clips, model)), clips=clips)
+    return _as(DiagnosedClips, diagnose_clips(clips, _start(clips, model), error_rate), clips=clips)
 
 
-def discover(clips: ClipSet, model: Model | HasModel | None = None, show: Show = lambda found: None) -> Discovery:
-    """Fit, diagnose and add effects until nothing significant remains; `show` gets the result so far after each."""
-    return _as(Discovery, discover_effects(clips, _start(clips, model), show), clips=clips)
+def discover(
+    clips: ClipSet, model: Model | HasModel | None = None, show: Show = lambda found: None,
+    error_rate: float = ERROR_RATE,
+) -> Discovery:  # fmt: skip
+    """Fit, diagnose and add effects until nothing likely remains; `show` gets the result so far after each."""
+    return _as(Discovery, discover_effects(clips, _start(clips, model), show, error_rate), clips=clips)
 
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from sysid.clips import ClipSet
     from sysid.selection.result import DiscoveryResult
 
+error_rate_option = click.option(
+    "--error-rate", type=click.FloatRange(0.0, 0.5, min_open=True, max_open=True), default=0.05, show_default=True,
+    metavar="SHARE", help="What is left to chance where a cause is added.",
+)  # fmt: skip
 JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
 WRITTEN = ("model.toml", RESULT_FILE, "report.html", "review.rrd")
 
@@ -42,11 +46,14 @@ def demo(progress: Progress, out: Path) -> int:
 
 @click.command()
 @gathered("start", Start)
+@error_rate_option
 @effects_option()
 @json_option
 @report_option
 @click.pass_obj
-def diagnose(progress: Progress, start: Start, json_file: Path | None, report_file: Path | None) -> int:
+def diagnose(
+    progress: Progress, start: Start, error_rate: float, json_file: Path | None, report_file: Path | None
+) -> int:
     """Diagnose which effect a model lacks, if any.
 
     Reads the clip set CLIPS and the model to start from. Prints the evidence for each effect of the catalogue, the
@@ -59,7 +66,7 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
     from sysid.report.result_json import judgement_json
 
     clip_set, model = start.load()
-    found = diagnose_clips(clip_set, model)
+    found = diagnose_clips(clip_set, model, error_rate)
     parts, judged = found.parts, found.diagnosis
     progress.close()
     seen = judged.screening
@@ -84,17 +91,18 @@ def diagnose(progress: Progress, start: Start, json_file: Path | None, report_fi
 @click.command()
 @gathered("start", Start)
 @out_folder_option("Folder of results.", JOURNAL_FILE, *WRITTEN)
+@error_rate_option
 @effects_option(exposed=True)
 @json_option
 @scheduler_option
 @click.pass_obj
 def discover(
-    progress: Progress, start: Start, out: Path, json_file: Path | None, scheduler: str | None,
+    progress: Progress, start: Start, out: Path, error_rate: float, json_file: Path | None, scheduler: str | None,
     effect_folders: tuple[str, ...],
 ) -> int:  # fmt: skip
     """Discover all that a model lacks: fit, diagnose and add effects.
 
-    Reads the clip set CLIPS and the model to start from, and repeats until nothing significant remains. Writes
+    Reads the clip set CLIPS and the model to start from, and repeats until nothing likely remains. Writes
     model.toml, result.json, report.html and review.rrd into DIR. After an interrupt the same command continues there.
     With --scheduler, workers share the fits of 32 clips and more; fewer stay here.
 
@@ -117,7 +125,7 @@ def discover(
     printed = _Printed(progress)
     try:
         with recorded_in(journal), spread_over_cluster(scheduler, effect_folders):
-            found = discover_effects(clip_set, model, printed.step)
+            found = discover_effects(clip_set, model, printed.step, error_rate)
     except KeyboardInterrupt as end:
         if journal.path.exists():
             end.add_note(f"{journal.path} is kept: the same command continues from there")

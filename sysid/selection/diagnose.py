@@ -20,7 +20,7 @@ from sysid.selection.formula import describe
 from sysid.selection.next_shot import NextShot, propose_next
 from sysid.selection.remainder import remainder
 from sysid.selection.screening import Diagnosis
-from sysid.selection.search import Round, V, judged, next_cause, unknowns_of_terms
+from sysid.selection.search import ERROR_RATE, Round, V, judged, next_cause, unknowns_of_terms
 
 
 @dataclass(frozen=True)
@@ -44,18 +44,18 @@ class ClipDiagnosis:
         return tuple((one.name, one.evidence.log_odds) for one in self.diagnosis.screening.fits)
 
 
-def diagnose(clip_set: ClipSet, model: Model) -> ClipDiagnosis:
-    """Fit the model to the clips and search what it lacks; every fifth clip is held out."""
+def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) -> ClipDiagnosis:
+    """Fit the model to the clips and search what it lacks, see `discover`; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
     if parts.needs_windows(base):
         windows = Windows(at, base)
-        seen = next_cause(windows)
+        seen = next_cause(windows, error_rate=error_rate)
         if seen.view is not windows or (parts.training.is_long and not parts.follows(base)):
             return _diagnosed(parts, base, windows, seen)
         base = in_any_case(parts, base)
     whole = WholeShots(parts, base)
-    return _diagnosed(parts, base, whole, next_cause(whole))
+    return _diagnosed(parts, base, whole, next_cause(whole, error_rate=error_rate))
 
 
 def _diagnosed(parts: Split, base: FittedModel, view: V, seen: Round[V]) -> ClipDiagnosis:

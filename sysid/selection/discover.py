@@ -26,19 +26,22 @@ from sysid.selection.next_shot import propose_next
 from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import Found, V, judged, search, unknowns_of_terms
+from sysid.selection.search import ERROR_RATE, Found, V, judged, search, unknowns_of_terms
 from sysid.selection.stability import stability_of
 
 log = logging.getLogger(__name__)
 
 
-def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -> DiscoveryResult:
+def discover(
+    clip_set: ClipSet, model: Model, show: Show = lambda found: None, error_rate: float = ERROR_RATE
+) -> DiscoveryResult:
     """Add what is missing until nothing is likely.
 
     Args:
         clip_set: every fifth clip is held out.
         model: what to start from; all its constants are fitted.
         show: called with the result so far, after each effect.
+        error_rate: of a cause that is added: what is left to nothing, or to shots that scatter by themselves.
     """
     parts, _, model = split(clip_set, model)
     parts, at, now = fit_from_nothing(parts, model)
@@ -47,7 +50,7 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
     whole = Found(WholeShots(parts, now))
     if parts.needs_windows(now):
         windows = Windows(at, now)
-        result, found = _searched(result, Found(windows))
+        result, found = _searched(result, Found(windows), error_rate)
         if found.view is not windows:
             windows = settled(found.view)
             now = whole_shots(parts, windows.at)
@@ -59,7 +62,7 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
             result = _with_step(result, found.verdict, view.now, found.dropped)
             show(result)
     while True:
-        result, whole = _searched(result, whole, show)
+        result, whole = _searched(result, whole, error_rate, show)
         fewer = without_departing(result.parts, result.ladder) if whole.formula is None else None
         if fewer is None:
             return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now)
@@ -68,10 +71,12 @@ def discover(clip_set: ClipSet, model: Model, show: Show = lambda found: None) -
         show(result)
 
 
-def _searched(result: DiscoveryResult, found: Found[V], show: Show | None = None) -> tuple[DiscoveryResult, Found[V]]:
+def _searched(
+    result: DiscoveryResult, found: Found[V], error_rate: float, show: Show | None = None
+) -> tuple[DiscoveryResult, Found[V]]:
     """What a search finds, and the result with its rounds; where they are to be shown, with its fits."""
     now = found
-    for now, seen in search(found):
+    for now, seen in search(found, error_rate):
         result = dataclasses.replace(result, rounds=(*result.rounds, seen))
         if show is not None and seen.best is not None and now.formula is None:
             result = _with_step(result, now.verdict, now.view.fitted, now.dropped)

@@ -39,7 +39,6 @@ from sysid.selection.terms import Term
 from sysid.selection.view import View
 
 ERROR_RATE = 0.05  # that is left to nothing, or to shots that scatter by themselves, where a cause is added
-SURE = math.log((1.0 - ERROR_RATE) / ERROR_RATE)  # log odds
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
 V = TypeVar("V", bound=View)  # of windows or of whole shots
@@ -94,12 +93,25 @@ class Judged(Generic[V]):
     holds: bool  # whether shots held out do not speak against it
     occam: float  # what its unknowns lose by what they might have been, in log likelihood
 
-    def is_likely(self, count: int) -> bool:
-        """Whether, of so many causes, this one is sure but for `ERROR_RATE`.
 
-        Beforehand all causes together are as likely as nothing, and one that lets shots scatter as any one of them.
-        """
-        return self.holds and self.log_odds > math.log(count) + SURE and self.over_scatter > SURE
+@dataclass(frozen=True)
+class Threshold:
+    """From where on a cause is sure but for an error rate.
+
+    Beforehand all causes together are as likely as nothing, and one that lets shots scatter as any one of them.
+    """
+
+    count: int  # of causes that were scored
+    error_rate: float
+
+    @property
+    def sure(self) -> float:
+        """Log odds of what is sure."""
+        return math.log((1.0 - self.error_rate) / self.error_rate)
+
+    def is_passed(self, one: Judged[V]) -> bool:
+        """Whether it is sure, and held-out shots do not speak against it."""
+        return one.holds and one.log_odds > math.log(self.count) + self.sure and one.over_scatter > self.sure
 
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
@@ -162,7 +174,7 @@ class Round(Generic[V]):
     screening: Screening
     view: V  # with it, or as it was
     formula: SparseFormula | None  # that the view has
-    count: int  # of causes that were scored
+    threshold: Threshold  # that it passed
 
     @property
     def name(self) -> str | None:
@@ -170,7 +182,7 @@ class Round(Generic[V]):
         return self.screening.best.name if self.screening.best else None
 
 
-def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
+def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float = ERROR_RATE) -> Round[V]:
     """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
 
     A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
@@ -179,16 +191,17 @@ def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
     Args:
         view: the fit.
         formula: that it has.
+        error_rate: of a cause that is added.
     """
     named = candidates_for(view.model)
     seen, start, less = look(view.point, view.scores, formula, named), view, view
-    count, first = len(seen.found), seen.found[0]
-    if first.log_odds > SURE:
+    threshold, first = Threshold(len(seen.found), error_rate), seen.found[0]
+    if first.log_odds > threshold.sure:
         less = view.continued()
-    if first.log_odds > SURE and first.block is not None:
-        start = view.with_effect(seen.row(first)).stripped(first.name)
-        seen = look(start.point, start.scores, formula, named)
-    rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > SURE]
+    if first.log_odds > threshold.sure and first.block is not None:
+        start = view.with_effect(seen.row(first)).searched().stripped(first.name)
+        less, seen = less.beside(start), look(start.point, start.scores, formula, named)
+    rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
     for row in rows[:MAX_TRIALS]:
         if len(fits) >= MAX_FITS and good:
@@ -196,7 +209,7 @@ def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
         more = start.with_effect(row)
         at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
-        if at.is_likely(count):
+        if threshold.is_passed(at):
             good.append((fits[-1], at))
     good = ranked(good)
     best = good[0] if good else None
@@ -207,11 +220,11 @@ def next_cause(view: V, formula: SparseFormula | None = None) -> Round[V]:
         view.fitted, scores, tuple(fits), confounded(scores), tied([one for one, _ in good]), view.windows,
         None if best is None else best[0],
     )  # fmt: skip
-    if seen.found[0].log_odds > SURE and (best is None or not best[1].view.leaves_noise):
-        grown = explained_by_terms(start, less, seen, formula, best and best[1])
+    if seen.found[0].log_odds > threshold.sure and (best is None or not best[1].view.leaves_noise):
+        grown = explained_by_terms(start, less, seen, formula, best and best[1], threshold)
         if grown is not None:
-            return Round(dataclasses.replace(screening, best=None), *grown, count)
-    return Round(screening, view if best is None else best[1].view, formula, count)
+            return Round(dataclasses.replace(screening, best=None), *grown, threshold)
+    return Round(screening, view if best is None else best[1].view, formula, threshold)
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
@@ -248,7 +261,7 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
 
 
 def explained_by_terms(
-    view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None
+    view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, threshold: Threshold
 ) -> tuple[V, SparseFormula] | None:
     """A formula with as many terms more as it takes to explain more than an effect, or with one where there is none.
 
@@ -258,15 +271,16 @@ def explained_by_terms(
         seen: what is likely beside it.
         formula: that it has already.
         rival: the fit with the effect.
+        threshold: that a term must pass.
     """
-    had, count = 0 if formula is None else len(formula.terms), len(seen.found)
+    had = 0 if formula is None else len(formula.terms)
     while True:
         formula = grown(formula, view.point, view.scores, seen)
         if formula is None:
             return None
         more = view.with_effect(formula.score())
         at = judged(less.beside(more), more, unknowns_of_terms(formula.terms[-1:]))
-        if not at.is_likely(count):
+        if not threshold.is_passed(at):
             return None
         view = less = more.searched()
         terms = formula.terms[had:]
@@ -290,7 +304,7 @@ def outdoes(view: V, terms: Sequence[Term], rival: Judged[V]) -> bool:
 
 
 def without_needless(
-    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, count: int
+    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
     """The fit without effects and terms that are no longer likelier than chance beside the others, the least first."""
     while len(verdict) + (0 if formula is None else len(formula.terms)) > 1:
@@ -307,7 +321,7 @@ def without_needless(
             fewer = formula.without(part, view.point) if formula is not None else None
             less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
         at = judged(less, view.beside(less), unknowns)
-        if at.is_likely(count):
+        if threshold.is_passed(at):
             break
         log.info("%s is not needed", part if isinstance(part, str) else part.name)
         view, formula, verdict = less, fewer, tuple(name for name in verdict if name != part)
@@ -332,16 +346,16 @@ class Found(Generic[V]):
     dropped: tuple[str, ...] = ()  # effects that were added and later dropped
 
 
-def search(found: Found[V]) -> Iterator[tuple[Found[V], Screening]]:
+def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Found[V], Screening]]:
     """What a fit lacks, after each round in which a cause was looked for; the last found none that stays."""
     been = [_what(found)]
     while True:
-        seen = next_cause(found.view, found.formula)
+        seen = next_cause(found.view, found.formula, error_rate)
         if seen.view is found.view:
             yield found, seen.screening
             return
         verdict = (*found.verdict, seen.name) if seen.name else found.verdict
-        view, kept, formula = without_needless(seen.view, verdict, seen.formula, seen.count)
+        view, kept, formula = without_needless(seen.view, verdict, seen.formula, seen.threshold)
         gone = tuple(name for name in verdict if name not in kept)
         now = Found(view if view is seen.view else view.searched(), kept, formula, (*found.dropped, *gone))
         if _what(now) in been:  # what was added is what was dropped

@@ -21,7 +21,7 @@ from sysid.selection.by_whole_shots import WholeShots
 from sysid.selection.discover import discover
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import without_needless
+from sysid.selection.search import Threshold, without_needless
 from tests.truth.__main__ import main as generate
 
 CLIPS = "8"
@@ -109,7 +109,7 @@ def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
         return to.with_effect(score)
 
     both = added(added(WholeShots(parts, base), "side_curve"), "air_drag")
-    now, verdict, _ = without_needless(both, ("side_curve", "air_drag"), None, 290)
+    now, verdict, _ = without_needless(both, ("side_curve", "air_drag"), None, Threshold(290, 0.05))
     assert verdict == ("air_drag",)
     assert "air_drag.rate" in now.names and "side_curve.gain" not in now.names
     assert now.now.chi2 < 1.05 < base.chi2

@@ -21,6 +21,7 @@ from sysid.selection.free_forms import causes
 from sysid.selection.score import candidate
 from sysid.selection.search import (
     Found,
+    Threshold,
     judged,
     next_cause,
     outdoes,
@@ -64,7 +65,7 @@ def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     more = found.view.with_effect(row)
     seen = judged(found.view, more, unknowns_of(row.candidate, more.names))
     assert seen.log_odds < 0.0
-    kept = without_needless(more, ("speed_drag", "side_curve"), None, 290)
+    kept = without_needless(more, ("speed_drag", "side_curve"), None, Threshold(290, 0.05))
     assert kept[1:] == (("speed_drag",), None)
     assert not any(name.startswith("side_curve") for name in kept[0].names)
 
@@ -88,7 +89,7 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
     assert not outdoes(with_term, [term], named)
     formula = SparseFormula((term,), (0.0,), np.array([1e-3]), ((),))
     both = found.view.with_effect(formula.score())
-    assert without_needless(both, (best.name,), formula, 290)[1:] == ((best.name,), None)
+    assert without_needless(both, (best.name,), formula, Threshold(290, 0.05))[1:] == ((best.name,), None)
 
 
 def test_whole_shots_name_it_as_well(drag: Made) -> None:
