@@ -170,6 +170,9 @@ def test_only_the_views_import_rerun() -> None:
 
 def test_the_truth_is_independent_of_what_it_judges() -> None:
     assert importers({"models", "sysid"}, sources("tests/truth")) == []
+    made = [path for path in sources("tests/examination") if not path.name.startswith("test_")]
+    assert importers({"models", "sysid"}, made) == []
+    assert not [name for path in made for name in imports(path) if name.startswith("tests.truth")]
 
 
 def test_no_source_is_long() -> None:

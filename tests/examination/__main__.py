@@ -1,0 +1,154 @@
+"""A clip set of every family of hidden causes: `python -m tests.examination FOLDER [--seed N] [--only NAME]`.
+
+Beside each set lies NAME.truth.json: what is hidden, and the constants.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.examination.motion import Ball, Law, Seen, World
+
+CLIPS, FPS, SIGMA_M, SECONDS = 30, 120.0, 0.0005, 4.0
+Change = Callable[[World], None]
+
+
+def _times(law: Law, factor: Law) -> Law:
+    return lambda seen: law(seen) * factor(seen)
+
+
+def _plus(law: Law, more: Law) -> Law:
+    return lambda seen: law(seen) + more(seen)
+
+
+def _heading(seen: Seen) -> float:
+    return math.atan2(seen.ball[3], seen.ball[2])
+
+
+def worn_lane(world: World) -> None:
+    """Rolling friction 1.4 times where |y| is below 0.25 m."""
+    world.roll = _times(world.roll, lambda seen: 1.4 if abs(seen.ball[1]) < 0.25 else 1.0)
+
+
+def slippery_at_speed(world: World) -> None:
+    """Sliding friction falls to three quarters as slip grows: 0.75 + 0.25 exp(-slip / 0.8)."""
+    world.slide = _times(world.slide, lambda seen: 0.75 + 0.25 * math.exp(-seen.slip / 0.8))
+
+
+def sidespin_on_rubber(world: World) -> None:
+    """A cushion returns less by 0.0012 for every radian a second of sidespin."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.0012 * abs(seen.ball[6]))
+
+
+def warm_middle(world: World) -> None:
+    """The long cushions return 0.08 less beyond 0.9 m from their middle."""
+    world.cushion_e = _plus(
+        world.cushion_e, lambda seen: -0.08 if seen.rail[1] == "y" and abs(seen.ball[0]) > 0.9 else 0.0
+    )
+
+
+def chalk_gathers(world: World) -> None:
+    """Friction between balls grows from clip to clip, by 0.10 in all."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: 0.10 * seen.order)
+
+
+def soft_ball(world: World) -> None:
+    """Balls return 0.15 exp(-approach / 0.5) less: slow collisions lose most."""
+    world.ball_e = _plus(world.ball_e, lambda seen: -0.15 * math.exp(-seen.approach / 0.5))
+
+
+def skewed_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is sheared: x + 0.004 y."""
+    return seen[0] + 0.004 * seen[1], seen[1]
+
+
+def sagging_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image slides along x in the session, by 8 mm in all."""
+    return seen[0] + 0.008 * order, seen[1]
+
+
+PHYSICS: dict[str, Change] = {
+    one.__name__: one
+    for one in (worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball)
+}
+PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera)}
+FAMILIES = (*PHYSICS, *PICTURES, "nothing")
+
+
+def struck(world: World, draw: random.Random, with_ball: bool) -> list[Ball]:
+    """A struck ball, and another one on its way."""
+    reach = world.radius + 0.05
+    x = draw.uniform(-world.length / 2 + reach, world.length / 2 - reach)
+    y = draw.uniform(-world.width / 2 + reach, world.width / 2 - reach)
+    speed, heading = draw.uniform(0.8, 2.8), draw.uniform(-math.pi, math.pi)
+    side, height = draw.choice((0.0, draw.uniform(-0.5, 0.5))), draw.uniform(-0.3, 0.4)
+    turn = 2.5 * speed / world.radius
+    balls = [[
+        x, y, speed * math.cos(heading), speed * math.sin(heading),
+        -turn * height * math.sin(heading), turn * height * math.cos(heading), turn * side,
+    ]]  # fmt: skip
+    if with_ball:
+        for _ in range(200):
+            far, aside = draw.uniform(0.25, 0.7), draw.uniform(-0.8, 0.8) * 2 * world.radius
+            at = (x + far * math.cos(heading) - aside * math.sin(heading),
+                  y + far * math.sin(heading) + aside * math.cos(heading))  # fmt: skip
+            if abs(at[0]) < world.length / 2 - reach and abs(at[1]) < world.width / 2 - reach:
+                balls.append([*at, 0.0, 0.0, 0.0, 0.0, 0.0])
+                break
+    return balls
+
+
+def make(folder: Path, family: str, seed: int, clips: int = CLIPS) -> None:
+    """One clip set."""
+    draw = random.Random(f"{family} {seed}")
+    values = {
+        "slide": draw.uniform(0.17, 0.24), "roll": draw.uniform(0.0115, 0.0135), "spin": draw.uniform(18.0, 26.0),
+        "cushion_e": draw.uniform(0.84, 0.92), "cushion_mu": draw.uniform(0.13, 0.19),
+        "ball_e": draw.uniform(0.91, 0.95), "ball_mu": draw.uniform(0.04, 0.07),
+    }  # fmt: skip
+    (folder / "clips").mkdir(parents=True)
+    lines = [
+        'format = "billiard-clips/1"', "", "[table]", "length = 3.569", "width = 1.778", "pockets = false", "",
+        "[ball]", "diameter = 0.0525", "mass = 0.1406", "", "[camera]", f"fps = {FPS:g}", f"sigma = {SIGMA_M:g}",
+    ]  # fmt: skip
+    laws = {name: (lambda seen, value=value: value) for name, value in values.items() if name != "spin"}
+    for number in range(clips):
+        order = number / (clips - 1)
+        world = World(order=order, spin=values["spin"], **laws)
+        if family in PHYSICS:
+            PHYSICS[family](world)
+        balls = struck(world, draw, number % 3 < 2)
+        times = [k / FPS for k in range(int(SECONDS * FPS) + 1)]
+        file = f"clips/{number + 1:04d}.csv"
+        rows = ["t,ball,x,y,theta"]
+        tracks = list(zip(("cue", "red"), world.play(balls, times), strict=False))
+        for k, time in enumerate(times):
+            for name, track in tracks:
+                x, y = PICTURES[family](track[k], order) if family in PICTURES else track[k]
+                rows.append(f"{time:.6f},{name},{x + draw.gauss(0, SIGMA_M):.6f},{y + draw.gauss(0, SIGMA_M):.6f},")
+        (folder / file).write_text("\n".join(rows) + "\n", encoding="utf-8")
+        lines += ["", "[[clip]]", f'file = "{file}"', 'struck = "cue"']
+    (folder / "clips.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    hidden = (PHYSICS | PICTURES).get(family)
+    truth = {"family": family, "hidden": hidden.__doc__ if hidden else "nothing", "constants": values}
+    folder.with_name(f"{folder.name}.truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Make the sets."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", choices=FAMILIES)
+    given = parser.parse_args()
+    for family in (given.only,) if given.only else FAMILIES:
+        make(given.folder / f"{family}-{given.seed}", family, given.seed)
+
+
+if __name__ == "__main__":
+    main()
