@@ -186,7 +186,7 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
 
     A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
-    function is likeliest, it is fitted first: what has its shape is looked for, and fitted, at the constants beside it.
+    function or a term is likeliest, it is fitted first: what has its shape is looked for, and fitted, at the constants beside it.
 
     Args:
         view: the fit.
@@ -198,7 +198,7 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     threshold, first = Threshold(len(seen.found), error_rate), seen.found[0]
     if first.log_odds > threshold.sure:
         less = view.continued()
-    if first.log_odds > threshold.sure and first.block is not None:
+    if first.log_odds > threshold.sure and first.name not in seen.named:
         start = view.with_effect(seen.row(first)).searched().stripped(first.name)
         less, seen = less.beside(start), look(start.point, start.scores, formula, named)
     rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
