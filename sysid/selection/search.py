@@ -6,8 +6,8 @@ Every cause is judged by its marginal likelihood (free_forms.py): by how much li
 over what it may be. Named effects, unknown functions and terms are scored beside the fit at once. All of them
 together are as likely beforehand as nothing; a cause is added if what is left of nothing's probability is at most
 `ERROR_RATE`, first by its score, then by a fit, and if shots held out do not contradict it by more than chance. An
-unknown function is added as a term that has its shape, and terms are added until they explain more than the best named
-effect that leaves more than noise. What the rest makes needless, by the same rule, is dropped.
+unknown function is added as a term that has its shape, if that explains more than the best named effect and this leaves
+more than noise. What the rest makes needless, by the same rule, is dropped.
 """
 
 from __future__ import annotations
@@ -221,9 +221,9 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
         None if best is None else best[0],
     )  # fmt: skip
     if seen.found[0].log_odds > threshold.sure and (best is None or not best[1].view.leaves_noise):
-        grown = explained_by_terms(start, less, seen, formula, best and best[1], threshold)
-        if grown is not None:
-            return Round(dataclasses.replace(screening, best=None), *grown, threshold)
+        found = explained_by_term(start, less, seen, formula, best and best[1], threshold)
+        if found is not None:
+            return Round(dataclasses.replace(screening, best=None), *found, threshold)
     return Round(screening, view if best is None else best[1].view, formula, threshold)
 
 
@@ -260,33 +260,29 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
     return found
 
 
-def explained_by_terms(
+def explained_by_term(
     view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, threshold: Threshold
 ) -> tuple[V, SparseFormula] | None:
-    """A formula with as many terms more as it takes to explain more than an effect, or with one where there is none.
+    """A formula with one term more, if that explains more than an effect, or something where there is none.
+
+    Several terms against one effect would win wherever much is missing, though more effects may explain that, too.
 
     Args:
-        view: a fit without any of both, from which those with terms begin.
-        less: the fit to compare them with.
+        view: a fit without any of both, from which one with a term begins.
+        less: the fit to compare it with.
         seen: what is likely beside it.
         formula: that it has already.
         rival: the fit with the effect.
         threshold: that a term must pass.
     """
-    had = 0 if formula is None else len(formula.terms)
-    while True:
-        formula = grown(formula, view.point, view.scores, seen)
-        if formula is None:
-            return None
-        more = view.with_effect(formula.score())
-        at = judged(less.beside(more), more, unknowns_of_terms(formula.terms[-1:]))
-        if not threshold.is_passed(at):
-            return None
-        view = less = more.searched()
-        terms = formula.terms[had:]
-        if rival is None or outdoes(view, terms, rival):
-            return view, formula
-        seen = look(view.point, view.scores, formula, ())
+    larger = grown(formula, view.point, view.scores, seen)
+    if larger is None:
+        return None
+    more = view.with_effect(larger.score())
+    if not threshold.is_passed(judged(less.beside(more), more, unknowns_of_terms(larger.terms[-1:]))):
+        return None
+    more = more.searched()
+    return (more, larger) if rival is None or outdoes(more, larger.terms[-1:], rival) else None
 
 
 def outdoes(view: V, terms: Sequence[Term], rival: Judged[V]) -> bool:
