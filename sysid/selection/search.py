@@ -186,7 +186,8 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
 
     A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
-    function or a term is likeliest, it is fitted first: what has its shape is looked for, and fitted, at the constants beside it.
+    function or a term is likeliest, it is fitted first: what has its shape is looked for, and fitted, at the constants
+    beside it.
 
     Args:
         view: the fit.
