@@ -195,13 +195,31 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
         error_rate: of a cause that is added.
     """
     named = candidates_for(view.model)
-    seen, start, less = look(view.point, view.scores, formula, named), view, view
+    seen = look(view.point, view.scores, formula, named)
     threshold, first = Threshold(len(seen.found), error_rate), seen.found[0]
-    if first.log_odds > threshold.sure:
-        less = view.continued()
-    if first.log_odds > threshold.sure and first.name not in seen.named:
+    if first.log_odds <= threshold.sure:
+        return _added(view, view, view, seen, formula, threshold)
+    less = view.continued()
+    if first.name not in seen.named:
         start = view.with_effect(seen.row(first)).searched().stripped(first.name)
-        less, seen = less.beside(start), look(start.point, start.scores, formula, named)
+        there = look(start.point, start.scores, formula, named)
+        found = _added(view, start, less.beside(start), there, formula, threshold)
+        if found.view is not view:
+            return found
+    return _added(view, view, less, seen, formula, threshold)
+
+
+def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold) -> Round[V]:
+    """The likeliest cause of those that were seen, added.
+
+    Args:
+        view: the fit that lacks it.
+        start: a fit from which those with a cause begin.
+        less: the fit to compare them with.
+        seen: what is likely beside the start.
+        formula: that the fit has.
+        threshold: that a cause must pass.
+    """
     rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
     for row in rows[:MAX_TRIALS]:
