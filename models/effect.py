@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from models.hooks import BallState, ImageState, ImpactState, StrokeState, push_along, push_rolling
+from models.hooks import BallState, ImageState, ImpactState, Layout, StrokeState, push_along, push_rolling
 
 if TYPE_CHECKING:
     import mujoco
@@ -86,7 +86,7 @@ class Effect:
         return dataclasses.replace(self, **arrays) if arrays else self
 
     @classmethod
-    def layout(cls) -> tuple[str, ...]:
+    def layout(cls) -> Layout:
         """Names of the numbers that its hooks find in `self`: its parameters, and after them what else they need."""
         return tuple(cls.parameters())
 

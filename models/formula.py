@@ -5,8 +5,8 @@ constants. Doors: a drag on rolling balls along their way, a pull to the left of
 along x or y on a ball that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction; a
 change of restitution or friction at cushions or between balls; a shift of the image. The hooks are compiled once and
 read the terms from the effect's row of parameters: another formula compiles nothing. Where forces switch at lines and
-at the edges of cells of the cloth, `horizon` says when a ball gets there. Where a step lies, and over what a decay
-falls, may be parameters as well.
+at the edges of cells of the cloth, or bend, `horizon` says when a ball gets there. Where a step lies, and over what a
+decay falls, may be parameters as well. A curve is a sum of hats, and linear between the places where these lie.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ import numpy as np
 
 from models.compiled import compiled
 from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
-from models.variables import X, Y, variable_value
+from models.hooks import Layout
+from models.variables import SLIP, SPEED, TIME, WZ, X, Y, variable_value
 
-MAX_TERMS = 5
+MAX_TERMS = 32
 MAX_CONSTANTS = 4
 LEAST_GRIP = 0.05  # factor on the sliding friction that is left at least
 
@@ -44,16 +45,18 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     ABOVE,  # 1 where v > b
     EQUAL,  # 1 where v = b
     DECAY,  # exp(-v / b)
+    HAT,  # 1 where v = b, falling to 0 at b - c and b + c; with d = 1 it stays 1 below b, with -1 above
     TWIST,  # |omega_z| [rad/s]
     SPIN_COS,  # omega_z cos(heading) [rad/s]
     SPIN_SIN,  # omega_z sin(heading) [rad/s]
     POWER,  # x^a y^b (x^2 + y^2)^c
     ALONG_RAIL,  # power a of the distance from the middle of a rail [m]
     WITH,  # 1 where ball a takes part
-) = range(14)
+) = range(15)
 
 TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
-TERM_LAYOUT = tuple(f"{number}_{k}" for number in TERM_FIELDS for k in range(MAX_TERMS))
+TERM_SIZE = len(TERM_FIELDS)
+TERM_LAYOUT = (("terms", MAX_TERMS * TERM_SIZE),)
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ def factor_value(
         return math.cos(a * math.atan2(vy, vx))
     if factor == SIN:
         return math.sin(a * math.atan2(vy, vx))
-    if VARIABLE <= factor <= DECAY:
+    if VARIABLE <= factor <= HAT:
         v = variable_value(a, x, y, vx, vy, wz, order, time, first, second, slip, approach)
         if factor == VARIABLE:
             return (v - b) ** int(c)
@@ -106,7 +109,10 @@ def factor_value(
             return 1.0 if v > b else 0.0
         if factor == EQUAL:
             return 1.0 if v == b else 0.0
-        return math.exp(-v / b)
+        if factor == DECAY:
+            return math.exp(-v / b)
+        away = (v - b) / c
+        return min(max(1.0 - (abs(away) if d == 0.0 else d * away), 0.0), 1.0)
     if factor == TWIST:
         return abs(wz)
     if factor == SPIN_COS:
@@ -146,6 +152,25 @@ def until_line(ball: BallState, variable: float, at: float) -> float:
 
 
 @compiled
+def until_bend(ball: BallState, variable: float, at: float, half: float) -> float:
+    """When a hat at a value of a variable bends, or for what is not known ahead how long half of it takes [s]."""
+    ends = (at - half, at, at + half)
+    left = math.inf
+    if variable in (X, Y):
+        for end in ends:
+            left = min(left, until_line(ball, variable, end))
+    elif variable == TIME:
+        for end in ends:
+            left = min(left, end - ball.time if end > ball.time else math.inf)
+    elif variable in (SPEED, SLIP, WZ):
+        rate = abs(ball.bz) if variable == WZ else math.sqrt(ball.ax * ball.ax + ball.ay * ball.ay)
+        if variable == SLIP:
+            rate *= 3.5  # of a sliding ball: a - R alpha, 5/2 of the force turning it
+        left = half / rate if rate > 0.0 else math.inf
+    return left
+
+
+@compiled
 def until_edge(ball: BallState, x: float, half_x: float, y: float, half_y: float) -> float:
     """When a ball crosses a line of the cell |x' - x| <= half_x, |y' - y| <= half_y, at what pushes it now [s]."""
     left = math.inf
@@ -157,15 +182,51 @@ def until_edge(ball: BallState, x: float, half_x: float, y: float, half_y: float
 
 
 @compiled
-def _terms(own: Any) -> Any:
-    """The terms in a row of parameters; those with door 0 are empty."""
-    return (
-        (own.coefficient_0, own.door_0, own.factor_0, own.a_0, own.b_0, own.c_0, own.d_0),
-        (own.coefficient_1, own.door_1, own.factor_1, own.a_1, own.b_1, own.c_1, own.d_1),
-        (own.coefficient_2, own.door_2, own.factor_2, own.a_2, own.b_2, own.c_2, own.d_2),
-        (own.coefficient_3, own.door_3, own.factor_3, own.a_3, own.b_3, own.c_3, own.d_3),
-        (own.coefficient_4, own.door_4, own.factor_4, own.a_4, own.b_4, own.c_4, own.d_4),
-    )
+def _term(own: Any, k: int) -> tuple[float, float, float, float, float, float, float]:
+    """Coefficient, door, factor, a, b, c and d of a term; the door of those behind the last is 0."""
+    t, n = own.terms, k * TERM_SIZE
+    return t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6]
+
+
+@compiled
+def push(door: float, value: float, ball: BallState) -> None:
+    """Change what acts on a ball on the cloth by a quantity's value."""
+    if door == GRIP:
+        ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
+    elif door == PUSH_X and ball.weight > 0.0:
+        ball.ax += value
+    elif door == PUSH_Y and ball.weight > 0.0:
+        ball.ay += value
+    elif door == DRAG and ball.rolling > 0.0:
+        push_along(ball, -value, 0.0)
+    elif door == SIDE and ball.rolling > 0.0:
+        push_along(ball, 0.0, value)
+
+
+@compiled
+def is_met(door: float, hit: ImpactState) -> bool:
+    """Whether a quantity is one of this contact."""
+    if hit.cushion > 0.0:
+        return CUSHION_E <= door <= CUSHION_MU
+    return BALL_E <= door <= BALL_MU
+
+
+@compiled
+def change(door: float, value: float, hit: ImpactState) -> None:
+    """Change how a contact goes by a quantity's value."""
+    if door in (CUSHION_E, BALL_E):
+        hit.restitution += value
+    else:
+        hit.friction += value
+
+
+@compiled
+def shift(door: float, value: float, image: ImageState) -> None:
+    """Move an image by a quantity's value."""
+    if door == IMAGE_X:
+        image.x += value
+    else:
+        image.y += value
 
 
 @compiled
@@ -179,7 +240,7 @@ def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallSt
 @compiled
 def _of_impact(factor: float, a: float, b: float, c: float, d: float, hit: ImpactState) -> float:
     return factor_value(
-        factor, a, b, c, d, hit.x, hit.y, hit.vx, hit.vy, 0.0, hit.order, hit.time, hit.first, hit.second,
+        factor, a, b, c, d, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.order, hit.time, hit.first, hit.second,
         hit.slip, hit.approach,
     )  # fmt: skip
 
@@ -199,33 +260,37 @@ class Formula(Effect):
     @classmethod
     def opens(cls, *hooks: str) -> bool:
         """Whether a term of it is on any of these hooks."""
-        cells = any(p.door in CLOTH and (p.factor == BOX or p.is_line) for p in cls.parts)
+        cells = any(p.door in CLOTH and (p.factor in (BOX, HAT) or p.is_line) for p in cls.parts)
         return ("horizon" in hooks and cells) or any(
             p.door in HOOK_RANGES.get(hook, ()) for hook in hooks for p in cls.parts
         )
 
     @classmethod
-    def layout(cls) -> tuple[str, ...]:
+    def layout(cls) -> Layout:
         """The same for every formula, so that all share the compiled hooks."""
         return TERM_LAYOUT
 
     @classmethod
     def column(cls, key: str) -> int:
         """Where in `row` a coefficient, or a place, stands."""
-        columns = {part.name: f"coefficient_{k}" for k, part in enumerate(cls.parts)}
-        columns |= {part.place.name: f"b_{k}" for k, part in enumerate(cls.parts) if part.place is not None}
-        return TERM_LAYOUT.index(columns[key])
+        place = TERM_FIELDS.index("b")
+        columns = {}
+        for k, part in enumerate(cls.parts):
+            columns[part.name] = k * TERM_SIZE
+            if part.place is not None:
+                columns[part.place.name] = k * TERM_SIZE + place
+        return columns[key]
 
     def row(self, count: int) -> Array:
         """Coefficients, then codes and constants of every term: (count, k)."""
-        out = np.zeros((len(TERM_FIELDS), MAX_TERMS, count))
+        out = np.zeros((count, MAX_TERMS, TERM_SIZE))
         for k, part in enumerate(self.parts):
             numbers = (part.door, part.factor, *part.constants)
-            out[0, k] = getattr(self, part.name)
-            out[1 : 1 + len(numbers), k] = np.array(numbers, float)[:, None]
+            out[:, k, 0] = getattr(self, part.name)
+            out[:, k, 1 : 1 + len(numbers)] = numbers
             if part.place is not None:
-                out[TERM_FIELDS.index("b"), k] = getattr(self, part.place.name)
-        return np.ascontiguousarray(out.reshape(-1, count).T)
+                out[:, k, TERM_FIELDS.index("b")] = getattr(self, part.place.name)
+        return out.reshape(count, -1)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle what makes the class, and the values."""
@@ -233,53 +298,50 @@ class Formula(Effect):
 
     def forces(self, ball: BallState) -> None:
         """What acts on a ball on the cloth."""
-        for coefficient, door, factor, a, b, c, d in _terms(self):
+        for k in range(MAX_TERMS):
+            coefficient, door, factor, a, b, c, d = _term(self, k)
+            if door == 0.0:
+                break
             if DRAG <= door <= SIDE:
-                value = coefficient * _of_ball(factor, a, b, c, d, ball)
-                if door == GRIP:
-                    ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
-                elif door == PUSH_X and ball.weight > 0.0:
-                    ball.ax += value
-                elif door == PUSH_Y and ball.weight > 0.0:
-                    ball.ay += value
-                elif door == DRAG and ball.rolling > 0.0:
-                    push_along(ball, -value, 0.0)
-                elif door == SIDE and ball.rolling > 0.0:
-                    push_along(ball, 0.0, value)
+                push(door, coefficient * _of_ball(factor, a, b, c, d, ball), ball)
 
     def horizon(self, ball: BallState) -> float:
-        """Until it crosses the edge of a cell, or a line [s]."""
+        """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
         left = math.inf
-        for _, door, factor, a, b, c, d in _terms(self):
+        for k in range(MAX_TERMS):
+            _, door, factor, a, b, c, d = _term(self, k)
+            if door == 0.0:
+                break
             if DRAG <= door <= SIDE and factor == BOX:
                 left = min(left, until_edge(ball, a, b, c, d))
             elif DRAG <= door <= SIDE and factor == ABOVE:
                 left = min(left, until_line(ball, a, b))
+            elif DRAG <= door <= SIDE and factor == HAT:
+                left = min(left, until_bend(ball, a, b, c))
         return left
 
     def impact(self, hit: ImpactState) -> None:
         """What changes at contacts."""
-        for coefficient, door, factor, a, b, c, d in _terms(self):
-            cushion = CUSHION_E <= door <= CUSHION_MU
-            if (cushion and hit.cushion > 0.0) or (BALL_E <= door <= BALL_MU and hit.cushion <= 0.0):
-                value = coefficient * _of_impact(factor, a, b, c, d, hit)
-                if door in (CUSHION_E, BALL_E):
-                    hit.restitution += value
-                else:
-                    hit.friction += value
+        for k in range(MAX_TERMS):
+            coefficient, door, factor, a, b, c, d = _term(self, k)
+            if door == 0.0:
+                break
+            if is_met(door, hit):
+                change(door, coefficient * _of_impact(factor, a, b, c, d, hit), hit)
 
     def observe(self, image: ImageState) -> None:
         """What the camera reports."""
         x, y = image.x, image.y
-        for coefficient, door, factor, a, b, c, d in _terms(self):
-            if door in (IMAGE_X, IMAGE_Y):
-                value = coefficient * factor_value(
-                    factor, a, b, c, d, x, y, image.vx, image.vy, 0.0, 0.0, image.time, -1.0, -1.0, 0.0, 0.0
-                )
-                if door == IMAGE_X:
-                    image.x += value
-                else:
-                    image.y += value
+        for k in range(MAX_TERMS):
+            coefficient, door, factor, a, b, c, d = _term(self, k)
+            if door == 0.0:
+                break
+            if IMAGE_X <= door <= IMAGE_Y:
+                value = factor_value(
+                    factor, a, b, c, d, x, y, image.vx, image.vy, 0.0, image.order, image.time, image.number, -1.0,
+                    0.0, 0.0,
+                )  # fmt: skip
+                shift(door, coefficient * value, image)
 
 
 @cache

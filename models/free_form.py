@@ -18,30 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled
-from models.effect import Array, BallState, Effect, ImpactState, param, push_along
-from models.formula import (
-    BALL_E,
-    BALL_MU,
-    CLOTH,
-    CUSHION_E,
-    CUSHION_MU,
-    DRAG,
-    GRIP,
-    IMPACTS,
-    LEAST_GRIP,
-    PUSH_X,
-    PUSH_Y,
-    SIDE,
-)
-from models.variables import NONE, VARIABLES, of_ball, of_impact
+from models.effect import Array, BallState, Effect, ImageState, ImpactState, param
+from models.formula import DRAG, HOOK_RANGES, IMAGE_X, IMAGE_Y, SIDE, change, is_met, push, shift
+from models.hooks import Layout
+from models.variables import NONE, VARIABLES, of_ball, of_image, of_impact
 
 MAX_COEFFICIENTS = 32
 STEPS, SPLINE, PERIODIC = range(3)  # kinds of an axis
 SPLINE_REACH = 3  # coefficients of a spline beyond its intervals
 AXIS_FIELDS = ("variable", "low", "step", "count", "kind")
-LAYOUT = (
-    *(f"c{k}" for k in range(MAX_COEFFICIENTS)), "door",
-    *(f"{field}_{number}" for number in (1, 2) for field in AXIS_FIELDS),
+LAYOUT: Layout = (
+    ("coefficients", MAX_COEFFICIENTS), "door", *(f"{field}_{number}" for number in (1, 2) for field in AXIS_FIELDS),
 )  # fmt: skip
 
 
@@ -108,20 +95,11 @@ def _weights(
 
 
 @compiled
-def _coefficients(own: Any) -> Any:
-    return (
-        own.c0, own.c1, own.c2, own.c3, own.c4, own.c5, own.c6, own.c7, own.c8, own.c9, own.c10, own.c11, own.c12,
-        own.c13, own.c14, own.c15, own.c16, own.c17, own.c18, own.c19, own.c20, own.c21, own.c22, own.c23, own.c24,
-        own.c25, own.c26, own.c27, own.c28, own.c29, own.c30, own.c31,
-    )  # fmt: skip
-
-
-@compiled
 def _surface(own: Any, one: float, two: float) -> float:
     """The function at values of its variables."""
     i, a0, a1, a2, a3 = _weights(one, own.low_1, own.step_1, own.count_1, own.kind_1)
     j, b0, b1, b2, b3 = _weights(two, own.low_2, own.step_2, own.count_2, own.kind_2)
-    a, b, c = (a0, a1, a2, a3), (b0, b1, b2, b3), _coefficients(own)
+    a, b, c = (a0, a1, a2, a3), (b0, b1, b2, b3), own.coefficients
     rows, columns, total = int(own.count_1), int(own.count_2), 0.0
     for p in range(4):
         if a[p] != 0.0:
@@ -141,6 +119,11 @@ def _for_impact(own: Any, hit: ImpactState) -> float:
     return _surface(own, of_impact(own.variable_1, hit), of_impact(own.variable_2, hit))
 
 
+@compiled
+def _for_image(own: Any, image: ImageState) -> float:
+    return _surface(own, of_image(own.variable_1, image), of_image(own.variable_2, image))
+
+
 @dataclass(frozen=True)
 class FreeForm(Effect):
     """Base of all free forms: `free_form` makes one, whose parameters are the coefficients of its function."""
@@ -157,16 +140,16 @@ class FreeForm(Effect):
     @classmethod
     def opens(cls, *hooks: str) -> bool:
         """Whether its quantity is on any of these hooks."""
-        return ("forces" in hooks and cls.door in CLOTH) or ("impact" in hooks and cls.door in IMPACTS)
+        return any(cls.door in HOOK_RANGES.get(hook, ()) for hook in hooks)
 
     @classmethod
-    def layout(cls) -> tuple[str, ...]:
+    def layout(cls) -> Layout:
         """The same for every free form, so that all share the compiled hooks."""
         return LAYOUT
 
     def row(self, count: int) -> Array:
         """Coefficients, then the quantity's code and the axes: (count, k)."""
-        out = np.zeros((count, len(LAYOUT)))
+        out = np.zeros((count, MAX_COEFFICIENTS + len(LAYOUT) - 1))
         for k, key in enumerate(self.parameters()):
             out[:, k] = getattr(self, key)
         numbers = [getattr(axis, field) for axis in self.axes for field in AXIS_FIELDS]
@@ -181,27 +164,17 @@ class FreeForm(Effect):
     def forces(self, ball: BallState) -> None:
         """What acts on a ball on the cloth."""
         if DRAG <= self.door <= SIDE:
-            value = _for_ball(self, ball)
-            if self.door == GRIP:
-                ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
-            elif self.door == PUSH_X and ball.weight > 0.0:
-                ball.ax += value
-            elif self.door == PUSH_Y and ball.weight > 0.0:
-                ball.ay += value
-            elif self.door == DRAG and ball.rolling > 0.0:
-                push_along(ball, -value, 0.0)
-            elif self.door == SIDE and ball.rolling > 0.0:
-                push_along(ball, 0.0, value)
+            push(self.door, _for_ball(self, ball), ball)
 
     def impact(self, hit: ImpactState) -> None:
         """What changes at contacts."""
-        cushion = CUSHION_E <= self.door <= CUSHION_MU
-        if (cushion and hit.cushion > 0.0) or (BALL_E <= self.door <= BALL_MU and hit.cushion <= 0.0):
-            value = _for_impact(self, hit)
-            if self.door in (CUSHION_E, BALL_E):
-                hit.restitution += value
-            else:
-                hit.friction += value
+        if is_met(self.door, hit):
+            change(self.door, _for_impact(self, hit), hit)
+
+    def observe(self, image: ImageState) -> None:
+        """What the camera reports."""
+        if IMAGE_X <= self.door <= IMAGE_Y:
+            shift(self.door, _for_image(self, image), image)
 
 
 @cache

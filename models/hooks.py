@@ -75,6 +75,7 @@ class ImpactState:
     y: float = 0.0
     vx: float = 0.0  # of the same ball [m/s]
     vy: float = 0.0
+    wz: float = 0.0  # its sidespin [rad/s]
     first: float = 0.0  # number of that ball; 0 is the struck one
     second: float = 0.0  # number of the other ball, or of the rail: 0 +x, 1 -x, 2 +y, 3 -y
     order: float = 0.0  # place of the shot in its session, 0 to 1
@@ -113,8 +114,11 @@ class ImageState:
     vx: float = 0.0  # true velocity [m/s]
     vy: float = 0.0
     time: float = 0.0  # [s]
+    order: float = 0.0  # place of the shot in its session, 0 to 1
+    number: float = 0.0  # 0 is the struck ball
 
 
+Layout = tuple[str | tuple[str, int], ...]  # of a row of parameters: names of numbers, or of arrays of so many
 COLOUR_CODE = re.compile(r"\x1b\[[0-9;]*m")
 HOOK_STATES: dict[str, type] = {
     "forces": BallState, "horizon": BallState, "impact": ImpactState, "strike": StrokeState, "observe": ImageState,
@@ -127,8 +131,9 @@ def fields_of(kind: type) -> tuple[str, ...]:
     return tuple(f.name for f in dataclasses.fields(kind))
 
 
-def _record(names: Sequence[str]) -> Any:
-    return from_dtype(np.dtype([(name, np.float64) for name in names] or [("none", np.float64)]))
+def _record(layout: Layout) -> Any:
+    fields = [(one, np.float64) if isinstance(one, str) else (one[0], np.float64, (one[1],)) for one in layout]
+    return from_dtype(np.dtype(fields or [("none", np.float64)]))
 
 
 STROKE_FIELDS, IMAGE_FIELDS = len(fields_of(StrokeState)), len(fields_of(ImageState))
@@ -139,7 +144,7 @@ class HookError(BadInput):
 
 
 @cache
-def address(function: Callable[..., Any], hook: str, layout: tuple[str, ...]) -> int:
+def address(function: Callable[..., Any], hook: str, layout: Layout) -> int:
     """Where the compiled hook is, for parameters of this layout.
 
     Raises:

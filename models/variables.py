@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from models.compiled import compiled
-from models.effect import BallState, ImpactState
+from models.effect import BallState, ImageState, ImpactState
 
 VARIABLES: Final = (
     "none", "x", "y", "heading", "speed", "slip", "wz", "time", "order", "number", "rail", "along", "grazing",
@@ -68,5 +68,14 @@ def of_ball(variable: float, ball: BallState) -> float:
 def of_impact(variable: float, hit: ImpactState) -> float:
     """A variable for a contact."""
     return variable_value(
-        variable, hit.x, hit.y, hit.vx, hit.vy, 0.0, hit.order, hit.time, hit.first, hit.second, hit.slip, hit.approach
+        variable, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.order, hit.time, hit.first, hit.second, hit.slip,
+        hit.approach,
+    )  # fmt: skip
+
+
+@compiled
+def of_image(variable: float, image: ImageState) -> float:
+    """A variable for a ball in a picture."""
+    return variable_value(
+        variable, image.x, image.y, image.vx, image.vy, 0.0, image.order, image.time, image.number, -1.0, 0.0, 0.0
     )

@@ -128,9 +128,8 @@ class DiagnosedClips(Presented, ClipDiagnosis):
     @cached_property
     def comparison(self) -> ComparedClips:
         """The model that was diagnosed against all clips."""
-        at = self.diagnosis.screening.base
-        states = self.parts.states_of(at, [c.file for c in self.clips.clips])
-        return _as(ComparedClips, compare_clips(self.clips, at.model, states))
+        states = self.parts.states_of(self.fitted, [c.file for c in self.clips.clips])
+        return _as(ComparedClips, compare_clips(self.clips, self.fitted.model, states))
 
     def report(self, path: Path | str, notes: Sequence[str] | None = None) -> None:
         """Write the report, one HTML file; BadInput where it cannot be written."""

@@ -41,6 +41,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     h[rec.CUSHION_HIT] = 1.0 if cushion else 0.0
     h[rec.APPROACH], h[rec.SLIP] = approach, math.sqrt(along * along + up * up)
     h[rec.HIT_X], h[rec.HIT_Y], h[rec.HIT_VX], h[rec.HIT_VY] = one[0], one[1], one[2], one[3]
+    h[rec.HIT_WZ] = one[6]
     h[rec.FIRST], h[rec.SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
     h[rec.HIT_ORDER], h[rec.HIT_TIME] = order, time
     h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0

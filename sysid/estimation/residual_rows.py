@@ -277,7 +277,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         for i in range(1, n):
             place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
         if observe.shape[0] > 0 and n > 1 and ends.shape[0] == 0:
-            unsee(place[1:n].copy(), here, observe, place[1:n])
+            unsee(place[1:n].copy(), order[w], here, observe, place[1:n])
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
         _lay_moving(start, u, most, moving[w], radius[row])
@@ -311,5 +311,5 @@ def residual_rows(  # type: ignore[no-untyped-def]
             ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, seen, n, position, velocity)
         if observe.shape[0] > 0:
-            see(position[:seen, :n], velocity[:seen, :n], moment, here, observe)
+            see(position[:seen, :n], velocity[:seen, :n], moment, order[w], here, observe)
         _write_row(out[row], n, seen, position, track, count[w], at[w], xy[w], theta[w], trusted[w], sd[w], sd_theta[w])

@@ -12,7 +12,7 @@ a clip share its fitted initial state, which makes a perfect model's misses a li
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
@@ -94,6 +94,22 @@ def _amounts(values: Array, good: NDArray[np.bool_]) -> str:
     """Misses [mm] of the clips used and of those held out, in words."""
     used = f"{number(values[0])} mm" if good[0] else "no number"
     return used + (f", held out {number(values[1])} mm" if good[1] else "")
+
+
+def curve_charts(unexplained: Mapping[str, Any] | None) -> list[Chart]:
+    """Curves of what no effect explains, as result.json has them, each with a band of two standard deviations."""
+    found = []
+    for place, curve in enumerate((unexplained or {}).get("curves", ())):
+        at, value = np.array(curve["at"]), np.array(curve["value"])
+        sd = np.array([math.nan if one is None else one for one in curve["sd"]])
+        known = np.isfinite(sd)
+        band = np.stack([at, value - 2 * sd, value, value + 2 * sd], axis=1)[known]
+        data = _band_of(band, "two standard deviations", "the curve", MODEL)
+        unit = f" [{curve['variable_unit']}]" if curve["variable_unit"] != "1" else ""
+        layout = {"xaxis": axis(f"{curve['variable']}{unit}"), "yaxis": axis(curve["quantity"], zeroline=True)}
+        title = f"{curve['quantity'].partition(' [')[0]} by {curve['variable']}"
+        found.append(Chart(f"curve{place}", title[0].upper() + title[1:], tuple(data), layout))
+    return found
 
 
 def shots_chart(comparisons: Sequence[tuple[str, Comparison]]) -> Chart | None:

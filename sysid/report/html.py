@@ -8,8 +8,9 @@ templates/comparison.html.j2 holds headings and captions. The script that draws 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,15 @@ from models.model_file import Estimate, Model
 from models.report.chart import Chart, embedded, shortened
 from models.report.numbers import NO_VALUE, millimetres, number, value_with_sd
 from models.report.page import write_page
-from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart, white_chart
+from sysid.report.figures import (
+    Rung,
+    curve_charts,
+    dependence_charts,
+    ladder_chart,
+    segments_chart,
+    shots_chart,
+    white_chart,
+)
 from sysid.report.figures_where import arrow_scale, lacking_by_cell, lacking_charts, lacking_map, misses_map
 from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
 from sysid.report.health import INTERVAL_SDS, health, health_lines
@@ -56,6 +65,7 @@ def write_report(
     notes: Sequence[str] = (),
     rounds: Sequence[Screening] = (),
     verdict: Verdict | None = None,
+    unexplained: Mapping[str, Any] | None = None,
 ) -> None:
     """Write one HTML file, whole or not at all; the last comparison is drawn in full.
 
@@ -67,6 +77,7 @@ def write_report(
         notes: lines shown on top, or folded below a verdict.
         rounds: of candidates for what is missing.
         verdict: of a discovery.
+        unexplained: what no effect explains, as result.json has it.
 
     Raises:
         BadInput: the file cannot be written there.
@@ -75,7 +86,7 @@ def write_report(
     rungs = _rungs(comparisons, ladder)
     rising = ladder_chart(rungs, last.noise_m if last else math.nan)
     values: dict[str, object] = {"last": None, "constants": [], "health_notes": []}
-    charts: dict[str, list[Chart]] = {"ladder": [rising] if rising else []}
+    charts: dict[str, list[Chart]] = {"ladder": [rising] if rising else [], "curves": curve_charts(unexplained)}
     if last is not None:
         charts |= _charts(comparisons, last)
         values = {

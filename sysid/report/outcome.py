@@ -72,7 +72,10 @@ def write_discovery(
     title = f"What {len(clip_set.clips)} clips say about the table"
     notes = discovery_lines(found)
     said = verdict_of(found)
-    write_report(path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds, verdict=said)
+    write_report(
+        path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds, verdict=said,
+        unexplained=found.unexplained,
+    )  # fmt: skip
 
 
 def write_outcome(

@@ -40,12 +40,14 @@ MOTION_VARIABLES = {
     "slip": "hypot(ball.slip_x, ball.slip_y)",
 }  # fmt: skip
 IMPACT_VARIABLES = {
-    "x": "hit.x", "y": "hit.y", "order": "hit.order", "time": "hit.time", "slip": "hit.slip",
+    "x": "hit.x", "y": "hit.y", "wz": "hit.wz", "order": "hit.order", "time": "hit.time", "slip": "hit.slip",
     "approach": "hit.approach", "grazing": "grazing_sine(hit.vx, hit.vy, hit.approach)",
     "number": "hit.first", "first": "hit.first", "second": "hit.second",
     "rail": "hit.second", "along": "hit.y if hit.second < 2 else hit.x",
 }  # fmt: skip
-IMAGE_VARIABLES = {"x": "image.x", "y": "image.y"}
+IMAGE_VARIABLES = {
+    "x": "image.x", "y": "image.y", "time": "image.time", "order": "image.order", "number": "image.number",
+}  # fmt: skip
 APPLY_LINES = {  # quantity: the line that changes it
     "drag": "push_along(ball, -{value}, 0.0)",
     "grip": f"ball.slide_factor = max(ball.slide_factor * (1.0 + {{value}}), {kinds.LEAST_GRIP})",
@@ -138,21 +140,31 @@ def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[s
     return lines
 
 
+def on_cloth(term: Term) -> bool:
+    """Whether it acts on balls on the cloth."""
+    return 1 + kinds.TERM_HOOKS.index(term.quantity) in kinds.CLOTH
+
+
 def is_line(term: Term) -> bool:
     """Whether it is a step at a line on the cloth."""
-    on_cloth = 1 + kinds.TERM_HOOKS.index(term.quantity) in kinds.CLOTH
-    return on_cloth and term.kind == kinds.ABOVE and term.constants[0] in (X, Y)
+    return on_cloth(term) and term.kind == kinds.ABOVE and term.constants[0] in (X, Y)
+
+
+def bends(term: Term) -> bool:
+    """Whether it is a hat of what acts on the cloth."""
+    return on_cloth(term) and term.kind == kinds.HAT
 
 
 def _horizon(terms: Sequence[Term]) -> list[str]:
     found = [f"until_edge(ball, {', '.join(map(repr, t.constants))})" for t in terms if t.kind == kinds.BOX]
     found += [f"until_line(ball, {t.constants[0]!r}, {t.constants[1]!r})" for t in terms if is_line(t)]
+    found += [f"until_bend(ball, {', '.join(map(repr, t.constants[:3]))})" for t in terms if bends(t)]
     if not found:
         return []
     least = found[0] if len(found) == 1 else "min(\n            " + ",\n            ".join(found) + ",\n        )"
     return [
         "\n    def horizon(self, ball: BallState) -> float:\n",
-        '        """Until it crosses the edge, where the force switches [s]."""\n',
+        '        """Until it gets where the force switches or bends [s]."""\n',
         f"        return {least}\n",
     ]
 
@@ -164,7 +176,7 @@ def _imports(body: str) -> str:
         "math": ("atan2", "cos", "exp", "hypot", "sin"),
         "dataclasses": ("dataclass",),
         "models.effect": ("BallState", "Effect", "ImageState", "ImpactState", "param", "push_along"),
-        "models.formula": ("until_edge", "until_line"),
+        "models.formula": ("until_bend", "until_edge", "until_line"),
         "models.variables": ("grazing_sine",),
     }
     needed |= {"dataclass"}

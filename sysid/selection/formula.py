@@ -2,24 +2,27 @@
 
 In: a fit (`Point`). Out: a `SparseFormula`, and its description as result.json has it: place, dependence, size.
 
-It grows by a term at a time. Terms (sysid/selection/terms.py) and unknown functions (free_forms.py) are scored like
-candidates; the likeliest is added, as long as all of them together are likelier than nothing. The formula is then
-fitted as an effect, and the next term is looked for beside it.
+It grows by a shape at a time: a term, or a few that come together. Terms (sysid/selection/terms.py) and unknown
+functions (free_forms.py) are scored like candidates; the likeliest is added, as long as all of them together are
+likelier than nothing. The formula is then fitted as an effect, and the next shape is looked for beside it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from models import formula as kinds
 from models.errors import BadInput
 from models.formula import MAX_TERMS
+from models.variables import VARIABLES
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
 from sysid.selection.effect_file import effect_source
@@ -28,8 +31,12 @@ from sysid.selection.free_forms import Cause, blocks, causes, free_candidates, m
 from sysid.selection.score import Candidate, Score, Scores, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
+    PLACE_DIGITS,
     QUANTITY_TEXTS,
     RESULT_REMEDY,
+    VARIABLE_UNITS,
+    WITHOUT_CONSTANT,
+    Shape,
     Term,
     effect_from_terms,
     library,
@@ -57,9 +64,14 @@ class SparseFormula:
         terms = tuple(t.moved(at[f"{EFFECT_NAME}.{t.place_name}"]) if t.limits else t for t in self.terms)
         return dataclasses.replace(self, terms=terms)
 
-    def without(self, term: Term, fitted: Point) -> SparseFormula | None:
-        """The formula without a term, as a fit that has it puts the others; None where there is no other."""
-        keep = [k for k, one in enumerate(self.terms) if one.name != term.name]
+    @property
+    def groups(self) -> list[Shape]:
+        """Its terms, those of a curve together."""
+        return [tuple(group) for _, group in itertools.groupby(self.terms, lambda term: term.group)]
+
+    def without(self, group: Shape, fitted: Point) -> SparseFormula | None:
+        """The formula without some terms, as a fit that has it puts the others; None where there is no other."""
+        keep = [k for k, one in enumerate(self.terms) if one not in group]
         if not keep:
             return None
         at, placed = dict(zip(fitted.names, fitted.constants.tolist(), strict=True)), self.placed(fitted)
@@ -84,7 +96,7 @@ class Looked:
 
     scores: Scores
     found: list[Cause]  # the likeliest first
-    terms: list[Term]
+    terms: list[Shape]  # of one term each
     named: frozenset[str]  # those that are effects of the catalogue
     seen: dict[str, tuple[float, float]]  # ranges of variables
 
@@ -109,9 +121,9 @@ def look(
     clips, table = base.problem.clips, base.model.table
     seen = ranges(clips, table.length, table.width, base.model.ball.radius)
     balls = max(len(clip.balls) for clip in clips)
-    free, terms = blocks(seen, balls), _others(library(table, balls), formula)
+    free, terms = blocks(seen, balls), _others([(term,) for term in library(table, balls)], formula)
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
-    scores = score([*named, *free_candidates(free), *term_candidates(terms)])
+    scores = score([*named, *free_candidates(free), *shape_candidates(terms)])
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), seen)
 
 
@@ -131,26 +143,32 @@ def grown(
     """
     old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
     found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
-    if len(old.terms) >= MAX_TERMS or found[0].log_odds <= 0.0:
+    if found[0].log_odds <= 0.0:
         return None
     block = found[0].block
     if block is None:
-        term, row = _term_of(found[0].name, terms), looked.row(found[0])
+        shape, cause, scores = _shape_of(found[0].name, terms), found[0], looked.scores
     else:
         families = [family for family in (_others(one, old) for one in block.shapes(looked.seen)) if family]
         if not families:
             return None
-        term, row = _likeliest(families, score)
-    log.info("likeliest is %s, with log odds of %.1f; as a term %s", found[0].name, found[0].log_odds, term.name)
+        shape, cause, scores = _likeliest(families, score)
+    if len(old.terms) + len(shape) > MAX_TERMS:
+        return None
+    names = ", ".join(term.name for term in shape)
+    log.info("likeliest is %s, with log odds of %.1f; as terms %s", found[0].name, found[0].log_odds, names)
     at = dict(zip(base.names, base.constants.tolist(), strict=True))
     values = [at[f"{EFFECT_NAME}.{one.name}"] for one in old.terms]
-    value = float(np.clip(row.values[0], -MAX_PART_OF_BOUNDS * term.width, MAX_PART_OF_BOUNDS * term.width))
-    gains = (*old.improvements, row.predicted_improvement)
-    alike = (*old.alike, _alike(term, found, terms))
-    return SparseFormula((*old.terms, term), gains, np.array([*values, value]), alike)
+    most = MAX_PART_OF_BOUNDS * np.array([term.width for term in shape])
+    gain = _row_of(cause.name, scores).predicted_improvement / len(shape)
+    alike = _alike(shape, found, terms)
+    return SparseFormula(
+        (*old.terms, *shape), (*old.improvements, *[gain] * len(shape)),
+        np.concatenate([values, np.clip(cause.mean, -most, most)]), (*old.alike, *[alike] * len(shape)),
+    )  # fmt: skip
 
 
-def _alike(term: Term, found: Sequence[Cause], terms: Sequence[Term]) -> tuple[str, ...]:
+def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tuple[str, ...]:
     """Other quantities, or other variables of the same, that are about as likely as the likeliest cause."""
     words = []
     for cause in found:
@@ -159,38 +177,42 @@ def _alike(term: Term, found: Sequence[Cause], terms: Sequence[Term]) -> tuple[s
         if cause.block is not None:
             quantity, on = cause.block.quantity, tuple(DEPENDENCES[v] for v in cause.block.variables)
         else:
-            quantity, on = (other := _term_of(cause.name, terms)).quantity, other.depends_on
-        if (quantity, on) != (term.quantity, term.depends_on):
+            (other,) = _shape_of(cause.name, terms)
+            quantity, on = other.quantity, other.depends_on
+        if (quantity, on) != (shape[0].quantity, shape[0].depends_on):
             words.append(f"{QUANTITY_TEXTS[quantity].partition(' [')[0]} by {' and '.join(on)}")
     return tuple(dict.fromkeys(words))
 
 
 def _likeliest(
-    families: Sequence[Sequence[Term]], score: Callable[[Sequence[Candidate]], Scores]
-) -> tuple[Term, Score]:  # fmt: skip
-    """The likeliest place or scale of the likeliest family of terms, and its score."""
-    terms = [term for family in families for term in family]
-    scores = score(term_candidates(terms))
-    odds = {_term_of(cause.name, terms): cause for cause in causes(scores)}
-    best = max(families, key=lambda family: mean_odds(np.array([odds[term].log_odds for term in family])))
-    term = max(best, key=lambda term: odds[term].log_odds)
-    return term, _row_of(odds[term].name, scores)
+    families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
+) -> tuple[Shape, Cause, Scores]:
+    """The likeliest place or scale of the likeliest family of shapes, as a cause, and all scores."""
+    every = [shape for family in families for shape in family]
+    scores = score(shape_candidates(every))
+    odds = {_shape_of(cause.name, every): cause for cause in causes(scores)}
+    best = max(families, key=lambda family: mean_odds(np.array([odds[shape].log_odds for shape in family])))
+    shape = max(best, key=lambda shape: odds[shape].log_odds)
+    return shape, odds[shape], scores
 
 
-def _others(terms: Sequence[Term], formula: SparseFormula | None) -> list[Term]:
-    """Terms that a formula does not have yet."""
+def _others(every: Sequence[Shape], formula: SparseFormula | None) -> list[Shape]:
+    """Shapes of which a formula has no term yet."""
     have = set() if formula is None else {term.name for term in formula.terms}
-    return [term for term in terms if term.name not in have]
+    return [shape for shape in every if have.isdisjoint(term.name for term in shape)]
 
 
-def term_candidates(terms: Sequence[Term]) -> list[Candidate]:
-    """Each of these terms as a candidate."""
-    return [candidate(effect_from_terms(f"term{k}", (t,), (t.width / 10,))) for k, t in enumerate(terms)]
+def shape_candidates(every: Sequence[Shape]) -> list[Candidate]:
+    """Each of these shapes as a candidate."""
+    return [
+        candidate(effect_from_terms(f"shape{k}", shape, [term.width / 10 for term in shape]))
+        for k, shape in enumerate(every)
+    ]
 
 
-def _term_of(name: str, terms: Sequence[Term]) -> Term:
-    """The term that a candidate has."""
-    return terms[int(name.removeprefix("term"))]
+def _shape_of(name: str, every: Sequence[Shape]) -> Shape:
+    """The shape that a candidate has."""
+    return every[int(name.removeprefix("shape"))]
 
 
 def _row_of(name: str, scores: Scores) -> Score:
@@ -216,11 +238,12 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
         centre = weight @ np.array([p for p, _ in places]) / weight.sum()
         where = f"on the cloth around x = {centre[0]:.2f} m, y = {centre[1]:.2f} m"
         place["place_m"] = [float(v) for v in centre]
-    form = "; ".join(
-        f"{QUANTITY_TEXTS[t.quantity]}: {v:+.4g} * ({t.factor})" for t, v in zip(found.terms, values, strict=True)
-    )
+    value_of = dict(zip(found.terms, values, strict=True))
+    sd_of = dict(zip(found.terms, sds, strict=True))
+    form = "; ".join(_in_words(group, [value_of[t] for t in group]) for group in found.groups)
+    size = max((float(value_of[t]) for t in found.groups[0]), key=abs)
     return {
-        "where": where, "depends_on": depends, "size": float(values[0]), "unit": first.unit,
+        "where": where, "depends_on": depends, "size": size, "unit": first.unit,
         "what": QUANTITY_TEXTS[first.quantity], "form": form,
         "delta_bic": float(evidence.delta_bic) if evidence else float(sum(found.improvements)),
         "terms": [
@@ -229,13 +252,42 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
              "depends_on": list(t.depends_on), "gain": g, **_place_of(t, fitted)}
             for t, v, s, g in zip(found.terms, values, sds, found.improvements, strict=True)
         ],
+        "curves": [_curve(group, value_of, sd_of) for group in found.groups if group[0].kind == kinds.HAT],
         "alike": [word for words in found.alike for word in words],
         **place,
     }  # fmt: skip
 
 
+def _in_words(group: Shape, values: Sequence[float]) -> str:
+    """Terms of a formula with their coefficients; a curve by its values at the places between which it is straight."""
+    if group[0].kind != kinds.HAT:
+        return f"{QUANTITY_TEXTS[group[0].quantity]}: {values[0]:+.4g} * ({group[0].factor})"
+    curve = _curve(group, dict(zip(group, values, strict=True)), dict.fromkeys(group, 0.0))
+    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v in zip(curve["at"], curve["value"], strict=True))
+    unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""
+    return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, straight between these"
+
+
+def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[str, Any]:
+    """A curve as result.json has it: its values with their standard deviations, and where."""
+    at, value, sd = ([of(t) for t in group] for of in (lambda t: t.constants[1], values.__getitem__, sds.__getitem__))
+    if group[0].quantity not in WITHOUT_CONSTANT:  # it has none at its middle
+        middle = len(at) // 2
+        at.insert(middle, round(at[middle] - group[middle].constants[2], PLACE_DIGITS) + 0.0)
+        value.insert(middle, 0.0)
+        sd.insert(middle, 0.0)
+    variable = VARIABLES[int(group[0].constants[0])]
+    return {
+        "quantity": QUANTITY_TEXTS[group[0].quantity], "variable": variable,
+        "variable_unit": VARIABLE_UNITS.get(variable, "1"), "at": at, "value": [float(v) for v in value],
+        "sd": [float(v) if np.isfinite(v) else None for v in sd],
+    }  # fmt: skip
+
+
 def _place_of(term: Term, fitted: FittedModel | None) -> dict[str, Any]:
     """Where a term's step lies, or over what it decays, as `at` of result.json."""
+    if term.kind == kinds.HAT:
+        return {"at": term.constants[1], "at_sd": 0.0}
     if fitted is None or term.place_name is None:
         return {}
     at, sd = fitted.value(f"{EFFECT_NAME}.{term.place_name}")

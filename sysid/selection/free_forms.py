@@ -26,7 +26,7 @@ from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
 from sysid.selection.score import Candidate, Scores, candidate
-from sysid.selection.terms import COEFFICIENT_WIDTHS, SEEN_BY, Term, shapes, straight
+from sysid.selection.terms import COEFFICIENT_WIDTHS, SEEN_BY, Shape, counted_shapes, shapes
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
@@ -58,11 +58,11 @@ class Block:
         """Its class of effects."""
         return free_form(self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
-    def shapes(self, seen: dict[str, tuple[float, float]]) -> list[list[Term]]:
-        """Families of terms that it may have the shape of, over the ranges of what was seen."""
+    def shapes(self, seen: dict[str, tuple[float, float]]) -> list[list[Shape]]:
+        """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
         if axis.kind == STEPS:
-            return [straight(self.quantity, variable, axis.count)]
+            return counted_shapes(self.quantity, variable, axis.count)
         return shapes(self.quantity, variable, *seen.get(variable, (-math.pi, math.pi)))
 
     def correlations(self) -> list[Array]:

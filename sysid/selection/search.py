@@ -30,15 +30,15 @@ from sysid.selection.formula import (
     SparseFormula,
     grown,
     look,
-    term_candidates,
+    shape_candidates,
 )
-from sysid.selection.free_forms import USUAL_SIZES, causes, mean_odds
+from sysid.selection.free_forms import USUAL_SIZES, causes, log_odds, mean_odds
 from sysid.selection.score import Candidate, candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
-from sysid.selection.terms import Term
+from sysid.selection.terms import Shape
 from sysid.selection.view import View
 
-ERROR_RATE = 0.05  # that is left to nothing, or to shots that scatter by themselves, where a cause is added
+ERROR_RATE = 0.05  # that is left to nothing, or to a cause that each shot has of its own, where a cause is added
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
 V = TypeVar("V", bound=View)  # of windows or of whole shots
@@ -69,7 +69,7 @@ def unknowns_of(one: Candidate, names: Sequence[str]) -> list[Unknown]:
     return found
 
 
-def unknowns_of_terms(terms: Sequence[Term]) -> list[Unknown]:
+def unknowns_of_terms(terms: Shape) -> list[Unknown]:
     """Coefficients of terms, and where their steps lie or over what they decay."""
     found = []
     for term in terms:
@@ -88,7 +88,7 @@ class Judged(Generic[V]):
     view: V
     unknowns: tuple[Unknown, ...]  # what it has more
     log_odds: float  # of it over the fit without
-    over_scatter: float  # log odds over shots that scatter by themselves
+    over_scatter: float  # log odds over values that each shot has of its own
     evidence: Evidence
     holds: bool  # whether shots held out do not speak against it
     occam: float  # what its unknowns lose by what they might have been, in log likelihood
@@ -98,7 +98,7 @@ class Judged(Generic[V]):
 class Threshold:
     """From where on a cause is sure but for an error rate.
 
-    Beforehand all causes together are as likely as nothing, and one that lets shots scatter as any one of them.
+    Beforehand all causes together are as likely as nothing, and each as likely as one that every shot has of its own.
     """
 
     count: int  # of causes that were scored
@@ -121,16 +121,16 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     likelihood counts less d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the sizes that they may have.
     """
     rows = _rows(more, unknowns)
-    information, scatter = more.told_of(rows)
-    occam = _occam(more, unknowns, information)
+    information, gradient = more.told_of(rows)
+    occam = _occam(more, unknowns, information.sum(axis=0))
     gain, known = less.gain(more) / more.design_effect, _known(less, more)
-    odds, alone = gain + known + occam, scatter.counted(gain) + known + occam
+    odds, alone = gain + known + occam, over_scatter(_away(more, unknowns), unknowns, information, gradient)
     held = less.held_gains(more)
     holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
     names = ", ".join(one.name for one in unknowns)
     log.info(
-        "%s: log odds %.1f over nothing, %.1f over shots that scatter by themselves (%.1f, %.1f values), held out %.0f",
-        names, odds, alone, scatter.effect, scatter.values, held.sum(),
+        "%s: log odds %.1f over nothing, %.1f over values of each shot's own, held out %.0f",
+        names, odds, alone, held.sum(),
     )  # fmt: skip
     bic = 2.0 * gain - len(rows) * math.log(max(more.count / more.design_effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
@@ -154,17 +154,43 @@ def _rows(view: V, unknowns: Sequence[Unknown]) -> Index:
     return np.array([view.names.index(one.name) for one in unknowns])
 
 
+def _away(view: V, unknowns: Sequence[Unknown]) -> Array:
+    """Parameters (k,) as distances from their middles."""
+    return np.asarray(view.point.constants[_rows(view, unknowns)] - np.array([one.middle for one in unknowns]))
+
+
+def _covariances(unknowns: Sequence[Unknown]) -> list[Array]:
+    """Of what parameters may be, (k, k), for each size that they may have."""
+    sd, sized = np.array([one.sd for one in unknowns]), np.array([one.sized for one in unknowns])
+    return [np.diag(np.where(sized, size * sd, sd) ** 2) for size in USUAL_SIZES]
+
+
 def _occam(view: V, unknowns: Sequence[Unknown], information: Array) -> float:
     """What parameters lose by what they might have been, in log likelihood; see `judged`."""
-    away = view.point.constants[_rows(view, unknowns)] - np.array([one.middle for one in unknowns])
-    sd, sized = np.array([one.sd for one in unknowns]), np.array([one.sized for one in unknowns])
-    odds = []
-    for size in USUAL_SIZES:
-        covariance = np.diag(np.where(sized, size * sd, sd) ** 2)
+    away, odds = _away(view, unknowns), []
+    for covariance in _covariances(unknowns):
         both = np.eye(len(away)) + covariance @ information
         lost = float(away @ information @ np.linalg.solve(both, away)) + float(np.linalg.slogdet(both)[1])
         odds.append(-0.5 * lost)
     return mean_odds(np.array(odds))
+
+
+def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, gradient: Array) -> float:
+    """Log odds of parameters that all shots share over those that each shot has of its own, of the same sizes.
+
+    The losses of shots are quadratic in the parameters.
+
+    Args:
+        away: (k,) where they are likeliest, from their middles.
+        unknowns: what is known of them beforehand.
+        information: (n, k, k) of each shot.
+        gradient: (n, k) of its loss, there.
+    """
+    pull = information @ away - gradient  # gradient where the parameters do nothing, downwards
+    sizes = _covariances(unknowns)
+    shared = [log_odds(information.sum(axis=0), pull.sum(axis=0), one) for one in sizes]
+    own = [sum(log_odds(*shot, one) for shot in zip(information, pull, strict=True)) for one in sizes]
+    return mean_odds(np.array(shared)) - mean_odds(np.array(own))
 
 
 @dataclass(frozen=True)
@@ -282,9 +308,9 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
 def explained_by_term(
     view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, threshold: Threshold
 ) -> tuple[V, SparseFormula] | None:
-    """A formula with one term more, if that explains more than an effect, or something where there is none.
+    """A formula with one shape more, if that explains more than an effect, or something where there is none.
 
-    Several terms against one effect would win wherever much is missing, though more effects may explain that, too.
+    Several shapes against one effect would win wherever much is missing, though more effects may explain that, too.
 
     Args:
         view: a fit without any of both, from which one with a term begins.
@@ -292,29 +318,30 @@ def explained_by_term(
         seen: what is likely beside it.
         formula: that it has already.
         rival: the fit with the effect.
-        threshold: that a term must pass.
+        threshold: that a shape must pass.
     """
     larger = grown(formula, view.point, view.scores, seen)
     if larger is None:
         return None
+    shape = larger.terms[0 if formula is None else len(formula.terms) :]
     more = view.with_effect(larger.score())
-    if not threshold.is_passed(judged(less.beside(more), more, unknowns_of_terms(larger.terms[-1:]))):
+    if not threshold.is_passed(judged(less.beside(more), more, unknowns_of_terms(shape))):
         return None
     more = more.searched()
-    return (more, larger) if rival is None or outdoes(more, larger.terms[-1:], rival) else None
+    return (more, larger) if rival is None or outdoes(more, shape, rival) else None
 
 
-def outdoes(view: V, terms: Sequence[Term], rival: Judged[V]) -> bool:
-    """Whether a fit with terms is likelier than one with an effect, and one of them explains something beside that.
+def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
+    """Whether a fit with a shape is likelier than one with an effect, and it explains something beside that.
 
     A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
     """
-    beside = causes(rival.view.scores(term_candidates(terms)))[0].log_odds
-    unknowns = unknowns_of_terms(terms)
-    occam = _occam(view, unknowns, view.told_of(_rows(view, unknowns))[0])
+    beside = causes(rival.view.scores(shape_candidates([shape])))[0].log_odds
+    unknowns = unknowns_of_terms(shape)
+    occam = _occam(view, unknowns, view.told_of(_rows(view, unknowns))[0].sum(axis=0))
     at = dataclasses.replace(rival, view=view, unknowns=tuple(unknowns), occam=occam)
     more = likelier(rival, at)
-    log.info("%s: log odds %.1f over the best effect, %.1f beside it", terms[-1].name, more, beside)
+    log.info("%s: log odds %.1f over the best effect, %.1f beside it", shape[0].group, more, beside)
     return beside > 0.0 and more > SEPARATED_LOG_ODDS
 
 
@@ -322,12 +349,12 @@ def without_needless(
     view: V, verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
     """The fit without effects and terms that are no longer likelier than chance beside the others, the least first."""
-    while len(verdict) + (0 if formula is None else len(formula.terms)) > 1:
-        parts: list[tuple[str | Term, list[Unknown]]] = []
+    while len(verdict) + (0 if formula is None else len(formula.groups)) > 1:
+        parts: list[tuple[str | Shape, list[Unknown]]] = []
         for name in verdict:
             kind = next(type(one) for one in view.model.effects if one.name() == name)
             parts.append((name, unknowns_of(candidate(kind), view.names)))
-        parts += [(term, unknowns_of_terms([term])) for term in (() if formula is None else formula.terms)]
+        parts += [(group, unknowns_of_terms(group)) for group in (() if formula is None else formula.groups)]
         part, unknowns = min(parts, key=lambda one: _size(view, one[1]))
         less, fewer = view, formula
         if isinstance(part, str):
@@ -338,7 +365,7 @@ def without_needless(
         at = judged(less, view.beside(less), unknowns)
         if threshold.is_passed(at):
             break
-        log.info("%s is not needed", part if isinstance(part, str) else part.name)
+        log.info("%s is not needed", part if isinstance(part, str) else part[0].group)
         view, formula, verdict = less, fewer, tuple(name for name in verdict if name != part)
     return view, verdict, formula
 
@@ -346,9 +373,8 @@ def without_needless(
 def _size(view: V, unknowns: Sequence[Unknown]) -> float:
     """What parameters are worth by their distance from where they do nothing, in log likelihood."""
     unknowns = [one for one in unknowns if one.sized]
-    rows = _rows(view, unknowns)
-    away = view.point.constants[rows] - np.array([one.middle for one in unknowns])
-    return 0.5 * float(away @ view.told_of(rows)[0] @ away)
+    away = _away(view, unknowns)
+    return 0.5 * float(away @ view.told_of(_rows(view, unknowns))[0].sum(axis=0) @ away)
 
 
 @dataclass(frozen=True)

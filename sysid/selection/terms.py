@@ -4,8 +4,9 @@ In: a table, or the terms of an earlier result.json. Out: the library of terms, 
 
 A term is a factor on a quantity of the motion: a drag on rolling balls, a change of the sliding friction, a push, a
 lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. Of every
-variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, steps and decays; of two at once a few that
-physics suggests. Terms are data: codes and constants that models/formula.py plays, beside the same factor as text.
+variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, steps and decays, and where none of these
+fits, a curve: hats that are linear between the places where they lie. Of two variables at once there are a few terms
+that physics suggests. Terms are data: codes and constants that models/formula.py plays, beside the same factor as text.
 Nothing of an earlier result is evaluated: its factors are read as numbers and variables.
 """
 
@@ -33,6 +34,9 @@ RESULT_REMEDY = "name a result.json as sysid discover of this version writes it"
 MAX_COEFFICIENT_WIDTHS = 100.0  # largest coefficient of an earlier result, over the term's width
 
 
+Shape = tuple["Term", ...]  # terms that come together
+
+
 @dataclass(frozen=True)
 class Term:
     """One term: coefficient times factor, added to a quantity."""
@@ -48,6 +52,11 @@ class Term:
     kind: int = kinds.ONE  # the factor's code in models.formula
     constants: tuple[float, ...] = ()
     limits: tuple[float, float] | None = None  # of the place of a step, or the scale of a decay
+
+    @property
+    def group(self) -> str:
+        """Name of the curve that it is a hat of; its own otherwise."""
+        return self.name.rpartition("_")[0] if self.kind == kinds.HAT else self.name
 
     @property
     def place_name(self) -> str | None:
@@ -100,7 +109,12 @@ STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN = (
         rf"([a-z]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z]+) / {NUMBER}\)", r"([a-z]+)(\*\*2)?",
     )
 )  # fmt: skip
-IMAGE_VARIABLES = ("x", "y")
+DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
+HAT_PATTERN = re.compile(
+    rf"min\(max\(1\.0 ([+-]) (abs)?\(([a-z]+) ([+-]) {DISTANCE}\) / {DISTANCE}, 0\.0\), 1\.0\)", re.ASCII
+)
+CURVE_NAME = re.compile(r"[a-z_]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
+PLACE_VARIABLES = ("x", "y")
 FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
     "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
     "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "abs(wz)": (kinds.TWIST, ()),
@@ -109,16 +123,18 @@ FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and
     "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)), "abs(along)": (kinds.ALONG_RAIL, (1.0,)),
 }  # fmt: skip
 _MOTION = ("x", "y", "heading", "speed", "wz", "time", "order", "number")
-_CONTACT = ("grazing", "approach", "slip", "order", "time", "number")
+_CONTACT = ("grazing", "approach", "slip", "wz", "order", "time", "number")
+_IMAGE = ("x", "y", "time", "order", "number")
 SEEN_BY = {  # what each quantity may depend on
     "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "grip": (*_MOTION, "slip"),
     "cushion_e": ("rail", "along", *_CONTACT), "cushion_mu": ("rail", "along", *_CONTACT),
-    "ball_e": ("x", "y", *_CONTACT), "ball_mu": ("x", "y", *_CONTACT),
+    "ball_e": ("x", "y", *_CONTACT), "ball_mu": ("x", "y", *_CONTACT), "image_x": _IMAGE, "image_y": _IMAGE,
 }  # fmt: skip
 PLACES = {  # where each quantity acts
     "drag": "rolling on the cloth", "side": "rolling on the cloth", "grip": "sliding on the cloth",
     "push_x": "everywhere on the cloth", "push_y": "everywhere on the cloth", "cushion_e": "all cushions",
     "cushion_mu": "all cushions", "ball_e": "collisions of balls", "ball_mu": "collisions of balls",
+    "image_x": "in the camera's image", "image_y": "in the camera's image",
 }  # fmt: skip
 DEPENDENCES = {  # what a variable is called
     "x": "place", "y": "place", "along": "place", "heading": "heading", "speed": "speed", "approach": "speed",
@@ -133,6 +149,8 @@ SIZED = ("wz", "along")  # of which the size may count alone
 DECAYING = ("speed", "slip", "approach", "time")  # of which a quantity may fade
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
 PLACE_DIGITS = 4
+CURVE_INTERVALS = (4, 8, 16)  # between the hats of a curve
+WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # of which the model has no constant of its own
 
 
 def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | None:
@@ -148,7 +166,7 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
         (POWER_PATTERN, kinds.VARIABLE),
     ):  # fmt: skip
         found = pattern.fullmatch(factor)
-        if found is None or (found[1] not in SEEN_BY.get(quantity, ()) and found[1] not in IMAGE_VARIABLES):
+        if found is None or found[1] not in SEEN_BY.get(quantity, ()):
             continue
         variable = float(VARIABLES.index(found[1]))
         if kind == kinds.VARIABLE:
@@ -157,6 +175,11 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
         if kind == kinds.DECAY and not at > 0.0:
             return None
         return kind, (variable, at)
+    if (hat := HAT_PATTERN.fullmatch(factor)) and hat[3] in SEEN_BY.get(quantity, ()):
+        at, half = (-1.0 if hat[4] == "+" else 1.0) * float(hat[5]), float(hat[6])
+        side = 0.0 if hat[2] else 1.0 if hat[1] == "-" else -1.0
+        if half > 0.0 and not (hat[2] and hat[1] == "+"):
+            return kinds.HAT, (float(VARIABLES.index(hat[3])), at, half, side)
     return None
 
 
@@ -174,7 +197,7 @@ def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power
     on = tuple(dict.fromkeys(DEPENDENCES[v] for v in variables)) or ("nothing",)
     return Term(
         f"{quantity}_{name}", quantity, factor, unit, COEFFICIENT_WIDTHS[quantity] / size,
-        where or PLACES.get(quantity, "in the camera's image"), on, None, *code,
+        where or PLACES[quantity], on, None, *code,
     )  # fmt: skip
 
 
@@ -205,7 +228,7 @@ def _square(quantity: str, variable: str) -> Term:
 def _step(quantity: str, variable: str, at: float) -> Term:
     """One beyond a value of the variable."""
     at = round(at, PLACE_DIGITS) + 0.0
-    beyond = f"where {variable} >" if variable in IMAGE_VARIABLES else f"{DEPENDENCES[variable]} above"
+    beyond = f"where {variable} >" if variable in PLACE_VARIABLES else f"{DEPENDENCES[variable]} above"
     where = f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
     return _term(quantity, f"{variable}_above", f"{variable} > {at:g}", (variable,), 0.0, where)
 
@@ -216,34 +239,65 @@ def _decay(quantity: str, variable: str, scale: float) -> Term:
     return _term(quantity, f"{variable}_fade", f"exp(-{variable} / {scale:g})", (variable,), 0.0)
 
 
-def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[Term]]:
-    """Families of terms of a variable over a range: of each the places or scales that it may have."""
-    families = [[one] for one in straight(quantity, variable, 0)]
+def _hat(quantity: str, variable: str, number: str, at: float, half: float, side: float) -> Term:
+    """One at a place, falling to 0 over `half` on either side, or staying 1 below (side 1) or above it (-1)."""
+    away = f"({variable} {'+' if at < 0 else '-'} {abs(at):g})"
+    away = f"- abs{away}" if side == 0.0 else f"{'-' if side > 0 else '+'} {away}"
+    factor = f"min(max(1.0 {away} / {half:g}, 0.0), 1.0)"
+    return _term(quantity, f"{variable}_curve_{number}", factor, (variable,), 0.0)
+
+
+def curve(quantity: str, variable: str, low: float, high: float, intervals: int) -> Shape:
+    """Hats over a range; 0 in its middle where the model has a constant of the quantity already."""
+    half, middle = max(round((high - low) / intervals, PLACE_DIGITS), 10.0**-PLACE_DIGITS), (low + high) / 2
+    hats = []
+    for k in range(intervals + 1):
+        at = round(round(middle, PLACE_DIGITS) + (k - intervals // 2) * half, PLACE_DIGITS) + 0.0
+        side = 1.0 if k == 0 else -1.0 if k == intervals else 0.0
+        if 2 * k != intervals or quantity in WITHOUT_CONSTANT:
+            hats.append(_hat(quantity, variable, f"{intervals}_{k}", at, half, side))
+    return tuple(hats)
+
+
+def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[Shape]]:
+    """Families of shapes of a variable over a range: of each the places or scales that it may have."""
+    plain = straight(quantity, variable, 0)
+    families: list[list[Shape]] = [[(one,)] for one in plain]
     if variable == "heading":
-        return families
+        return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
     parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
     steps = [_step(quantity, variable, low + part) for part in parts]
-    families += [[_square(quantity, variable)], [dataclasses.replace(one, limits=(low, high)) for one in steps]]
+    families += [[(_square(quantity, variable),)], [(dataclasses.replace(one, limits=(low, high)),) for one in steps]]
     if variable in DECAYING:
         decays, least = [_decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
-        families.append([dataclasses.replace(one, limits=(least, high - low)) for one in decays])
+        families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
     if variable in SIZED:
-        families.append([_size(quantity, variable)])
-    return families
+        families.append([(_size(quantity, variable),)])
+    return [*families, [curve(quantity, variable, low, high, intervals) for intervals in CURVE_INTERVALS]]
+
+
+def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]]:
+    """The same of rails or balls: one of them, or each beside the first."""
+    each = straight(quantity, variable, count)
+    return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
 
 
 def _size(quantity: str, variable: str) -> Term:
     return _term(quantity, f"{variable}_size", f"abs({variable})", (variable,))
 
 
-def _read(quantity: str, factor: str) -> Term | None:
+def _read(name: str, quantity: str, factor: str) -> Term | None:
     """A term of `shapes` from its factor as text; None for any other text."""
-    if factor_code(quantity, factor) is None or quantity not in SEEN_BY:
+    code = factor_code(quantity, factor)
+    if code is None or quantity not in SEEN_BY:
         return None
     if found := STEP_PATTERN.fullmatch(factor):
         return _step(quantity, found[1], float(found[2]))
     if found := DECAY_PATTERN.fullmatch(factor):
         return _decay(quantity, found[1], float(found[2]))
+    if (found := HAT_PATTERN.fullmatch(factor)) and (number := CURVE_NAME.fullmatch(name)):
+        _, at, half, side = code[1]
+        return _hat(quantity, found[3], f"{number[1]}_{number[2]}", at, half, side)
     if (found := POWER_PATTERN.fullmatch(factor)) and found[2]:
         return _square(quantity, found[1])
     return next((_size(quantity, v) for v in SIZED if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)
@@ -276,15 +330,11 @@ def library(table: Table, names: int = 2) -> list[Term]:
             name, factor, where = f"{quantity}_with_{k}", f"second == {k} or first == {k}", f"collisions with ball {k}"
             half = COEFFICIENT_WIDTHS[quantity]
             found.append(Term(name, quantity, factor, "1", half, where, ("ball",), None, kinds.WITH, (float(k),)))
-    for axis, other in ("xy", "yx"):
+    for axis in "xy":
         quantity = f"image_{axis}"
         found.append(_term(quantity, "one", "1.0", ("x",), 0.0))
-        for name, factor, variables, power in (
-            (axis, axis, (axis,), 1.0), (other, other, (other,), 1.0), ("xx", "x**2", ("x",), 2.0),
-            ("xy", "x * y", ("x", "y"), 1.0), ("yy", "y**2", ("y",), 2.0),
-            ("r5", f"{axis} * (x**2 + y**2) ** 2", ("x",), 5.0),
-        ):  # fmt: skip
-            found.append(_term(quantity, name, factor, variables, power))
+        found.append(_term(quantity, "xy", "x * y", ("x", "y")))
+        found.append(_term(quantity, "r5", f"{axis} * (x**2 + y**2) ** 2", ("x",), 5.0))
     return found
 
 
@@ -320,7 +370,7 @@ def term_from_json(entry: Any) -> tuple[Term, float]:
     if term is not None and term.place is not None and (code := factor_code(quantity, factor)) is not None:
         term = _cell(name, code[1])
     elif term is None:
-        term = _read(quantity, factor)
+        term = _read(name, quantity, factor)
     if term is None or (term.name, term.factor) != (name, factor):
         term_text = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
         raise BadInput(f"no term {term_text} is known; {RESULT_REMEDY}")

@@ -9,10 +9,9 @@ by its design effect. So a single shot that departs from all others cannot speak
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -20,28 +19,6 @@ from models.model_file import Model
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array, Index
 from sysid.selection.score import Candidate, Linearised, Score, Scores, scores_of
-
-
-class Scatter(NamedTuple):
-    """How shots scatter about a common value of some unknowns."""
-
-    effect: float  # variance, over what their information says
-    values: float  # that they give: of so many shots as tell of the unknowns
-
-    def over(self, design_effect: float) -> Scatter:
-        """The same, where information is less by a design effect."""
-        return Scatter(self.effect / design_effect, self.values)
-
-    def counted(self, gain: float) -> float:
-        """What a gain of log likelihood by these unknowns counts, where nobody knows how much shots scatter.
-
-        Each shot has its own value of them. These scatter by what their information says, or by as much more as is
-        likeliest, with the unknowns and without. So few shots that happen to agree do not count for more than they are.
-        """
-        return self._likelihood(self.effect) - self._likelihood(self.effect + 2.0 * gain / max(self.values, 1e-9))
-
-    def _likelihood(self, effect: float) -> float:
-        return -0.5 * self.values * (effect if effect <= 1.0 else 1.0 + math.log(effect))
 
 
 class View(ABC):
@@ -132,11 +109,10 @@ class View(ABC):
         """Whether its shots scatter about it as noise alone does."""
         return self.design_effect == 1.0
 
-    def told_of(self, rows: Index) -> tuple[Array, Scatter]:
-        """Of some constants: information (k, k), at the design effect of all, and how shots scatter about them."""
-        information, gradient = self.shots
-        own, pull = projected_on(information, gradient, rows)
-        return own.sum(axis=0) / self.design_effect, scatter_on(own, pull).over(self.design_effect)
+    def told_of(self, rows: Index) -> tuple[Array, Array]:
+        """Information (n, k, k) and gradient (n, k) of each shot on some constants, at the design effect of all."""
+        information, gradient = projected_on(*self.shots, rows)
+        return information / self.design_effect, gradient / self.design_effect
 
 
 def projected_on(information: Array, gradient: Array, rows: Index) -> tuple[Array, Array]:
@@ -152,12 +128,3 @@ def projected_on(information: Array, gradient: Array, rows: Index) -> tuple[Arra
     way[rest] = -np.linalg.lstsq(own, total[np.ix_(rest, rows)] / scale[:, None], rcond=1e-10)[0] / scale[:, None]
     way[rows] = np.eye(len(rows))
     return np.einsum("uk,nuv,vl->nkl", way, information, way, optimize=True), gradient @ way
-
-
-def scatter_on(information: Array, gradient: Array) -> Scatter:
-    """How gradients (n, k) of shots scatter beyond what their information (n, k, k) says."""
-    inverse = np.linalg.pinv(information.sum(axis=0), rcond=1e-10, hermitian=True)
-    each = np.einsum("kl,nlk->n", inverse, information)
-    told = max(float(each.sum()), 1e-300)  # unknowns that are determined at all
-    shots = told**2 / max(float(np.sum(each**2)), 1e-300)
-    return Scatter(float(np.einsum("nk,kl,nl->", gradient, inverse, gradient)) / told, shots * told)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -13,24 +12,26 @@ from models.model_file import full_model
 from sysid.clips import read_clip_set
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
+from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on, split
 from sysid.selection.by_whole_shots import WholeShots
 from sysid.selection.by_windows import Windows
-from sysid.selection.formula import SparseFormula, term_candidates
+from sysid.selection.formula import SparseFormula, shape_candidates
 from sysid.selection.free_forms import causes
 from sysid.selection.score import candidate
 from sysid.selection.search import (
     Found,
     Threshold,
+    Unknown,
     judged,
     next_cause,
     outdoes,
+    over_scatter,
     search,
     unknowns_of,
     without_needless,
 )
 from sysid.selection.terms import library
-from sysid.selection.view import Scatter
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]
@@ -82,11 +83,11 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
     best = found.screening.best
     assert best is not None and best.name == "cushion_restitution_speed"
     term = next(t for t in library(clip_set.table) if t.name == "cushion_e_approach")
-    (alone,), (beside,) = (causes(view.scores(term_candidates([term]))) for view in (windows, found.view))
+    (alone,), (beside,) = (causes(view.scores(shape_candidates([(term,)]))) for view in (windows, found.view))
     assert alone.log_odds > 5.0 and beside.log_odds < 0.0
     with_term = windows.with_effect(SparseFormula((term,), (0.0,), alone.mean).score())
     named = judged(windows, found.view, unknowns_of(best.score.candidate, found.view.names))
-    assert not outdoes(with_term, [term], named)
+    assert not outdoes(with_term, (term,), named)
     formula = SparseFormula((term,), (0.0,), np.array([1e-3]), ((),))
     both = found.view.with_effect(formula.score())
     assert without_needless(both, (best.name,), formula, Threshold(290, 0.05))[1:] == ((best.name,), None)
@@ -99,12 +100,19 @@ def test_whole_shots_name_it_as_well(drag: Made) -> None:
     assert found.verdict == ("speed_drag",) and found.formula is None and last.best is None
 
 
-def test_a_few_shots_that_agree_do_not_count_for_more_than_they_are() -> None:
-    """At the noise a gain counts as it is; beyond it as the logarithm of what it explains, for every shot."""
-    assert Scatter(0.5, 20.0).counted(2.0) == pytest.approx(2.0)
-    assert Scatter(1.0, 4.0).counted(1000.0) == pytest.approx(0.5 * 4 * math.log(501.0))
-    assert Scatter(1.0, 1.0).counted(1000.0) < 5.0
-    assert Scatter(100.0, 6.0).counted(50.0) < 1.0
+def test_a_cause_is_shared_only_where_shots_agree_on_its_size() -> None:
+    """Twenty shots do so, one cannot, and shots that differ by more than their errors speak for values of their own."""
+    rng = np.random.default_rng(6)
+    unknown = [Unknown("it", 0.0, 1.0, True)]
+
+    def odds(values: Array, sd: float) -> float:
+        information = np.full((len(values), 1, 1), sd**-2)
+        mean = values.mean()
+        return over_scatter(np.array([mean]), unknown, information, ((mean - values) / sd**2)[:, None])
+
+    assert odds(1.0 + 0.1 * rng.normal(size=20), 0.1) > 20.0
+    assert odds(np.array([1.0]), 0.1) == pytest.approx(0.0, abs=1e-9)
+    assert odds(1.0 + rng.normal(size=20), 0.1) < -20.0
 
 
 def test_what_a_parameter_may_be_is_known_beforehand() -> None:
