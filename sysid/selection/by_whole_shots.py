@@ -17,8 +17,10 @@ from typing import Self
 
 import numpy as np
 
+from models.effect import Effect
 from sysid.estimation.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.fitting import fit, loss_soon
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
@@ -27,6 +29,9 @@ from sysid.selection.score import Candidate, Linearised, Score, linearise, with_
 from sysid.selection.view import View
 
 TRIAL_STEPS = 3  # iterations of the initial states at each size where a fit may begin
+MAX_TRIAL_SHOTS = 60  # on which every candidate is tried
+LARGER_TRIAL = 3.0  # times its usual size, at which an effect is tried as well that vanishes at a bound
+MAX_PROMISING = 2  # effects that are fitted from a trial: of two that go together, one may end in a false optimum
 SMALLER_TRIAL = 0.3  # of a predicted or usual size, where a fit may begin as well
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
@@ -91,6 +96,19 @@ class WholeShots(View):
             now = remove_effect(now, name)
         return dataclasses.replace(self, now=fit_candidate(self.parts, now, score))
 
+    def tried(self, rows: Sequence[Score]) -> list[tuple[Score, Self]]:
+        """See `View`."""
+        found = []
+        for row, effect in most_promising(self.now, rows):
+            held = self.now.problem.with_model(self.now.model.add(effect), self.now.names)
+            start = Point(held, self.now.initial_states, self.now.constants, self.now.discrepancy_rate)
+            at = fit(start, f"beside {effect.name()}")
+            begun = dataclasses.replace(self.now, initial_states=at.initial_states, constants=at.constants)
+            values = np.array([float(getattr(effect, key)) for key in effect.parameters()])
+            now = _fit_with(self.parts, begun, row.candidate, at.initial_states, values)
+            found.append((row, dataclasses.replace(self, now=now)))
+        return found
+
     def without(self, name: str) -> Self:
         """The fit without an effect."""
         return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
@@ -129,12 +147,34 @@ def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
     """All constants, those of a candidate among them, and all initial states, from the optimum without it."""
     one = score.candidate
     x, added = _best_start(base, score)
-    keys = tuple(one.effect.parameters())
     values = dict(zip(one.keys, added.tolist(), strict=True))
-    problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in keys])
-    more = [values.get(key, float(getattr(one.effect, key))) for key in keys]
-    start = Point(problem, x, np.concatenate([base.constants, more]), base.discrepancy_rate)
+    more = [values.get(key, float(getattr(one.effect, key))) for key in one.effect.parameters()]
+    return _fit_with(parts, base, one, x, np.array(more))
+
+
+def _fit_with(parts: Split, base: FittedModel, one: Candidate, x: Array, values: Array) -> FittedModel:
+    """The same from initial states (n, p) and values of all parameters of the candidate."""
+    problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in one.effect.parameters()])
+    start = Point(problem, x, np.concatenate([base.constants, values]), base.discrepancy_rate)
     return fit_on(parts, start, base, f"with {one.name}")
+
+
+def most_promising(base: FittedModel, rows: Sequence[Score]) -> list[tuple[Score, Effect]]:
+    """Candidates, at the size tried, that lower the loss of a fit most in a few steps, best first."""
+    log.info("trying %d effects at their usual sizes", len(rows))
+    few = np.unique(np.linspace(0, len(base.initial_states) - 1, MAX_TRIAL_SHOTS).astype(np.int64))
+    problem, x = base.weighted.only(few), base.initial_states[few]
+    before = loss_soon(problem, x, base.constants)
+    found = []
+    for row in rows:
+        one = row.candidate
+        (low, high), sizes = one.bounds().T, (1.0, LARGER_TRIAL) if one.one_sided else (1.0,)
+        effects = [one.at(np.clip(one.off() + size * one.usual(), low, high)) for size in sizes]
+        models = [problem.with_model(base.model.add(effect), base.names) for effect in effects]
+        gains = [before - loss_soon(model, x, base.constants) for model in models]
+        found.append((max(gains), row, effects[int(np.argmax(gains))]))
+    best = sorted(found, key=lambda tried: -tried[0])
+    return [(row, effect) for gain, row, effect in best[:MAX_PROMISING] if gain > 0.0]
 
 
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:

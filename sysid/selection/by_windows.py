@@ -79,6 +79,10 @@ class Windows(View):
         """The fit with an effect more, or with another formula."""
         return dataclasses.replace(self, at=with_effect(self.at, score))
 
+    def tried(self, rows: Sequence[Score]) -> list[tuple[Score, Self]]:
+        """None: constants that windows leave are not bent so far."""
+        return []
+
     def without(self, name: str) -> Self:
         """The fit without an effect."""
         return dataclasses.replace(self, at=without_effect(self.at, name, CANDIDATE_STEPS))

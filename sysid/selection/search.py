@@ -33,7 +33,7 @@ from sysid.selection.formula import (
     shape_candidates,
 )
 from sysid.selection.free_forms import USUAL_SIZES, causes, log_odds, mean_odds
-from sysid.selection.score import Candidate, candidate
+from sysid.selection.score import Candidate, Score, candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.terms import Shape
 from sysid.selection.view import View
@@ -248,14 +248,20 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
     """
     rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
-    for row in rows[:MAX_TRIALS]:
-        if len(fits) >= MAX_FITS and good:
-            break
-        more = start.with_effect(row)
+
+    def judge(row: Score, more: V) -> None:
         at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
         if threshold.is_passed(at):
             good.append((fits[-1], at))
+
+    for row in rows[:MAX_TRIALS]:
+        if len(fits) >= MAX_FITS and good:
+            break
+        judge(row, start.with_effect(row))
+    if not good and view.design_effect > 1.0:
+        for row, more in start.tried([row for row in seen.scores.rows if row.candidate.name in seen.named]):
+            judge(row, more)
     good = ranked(good)
     best = good[0] if good else None
     rest = [one for one in fits if all(one.name != other.name for other, _ in good)]

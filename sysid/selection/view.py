@@ -63,6 +63,13 @@ class View(ABC):
         """The fit with an effect more, or with another formula in place of its own."""
 
     @abstractmethod
+    def tried(self, rows: Sequence[Score]) -> list[tuple[Score, Self]]:
+        """The fit with each of a few effects that lower its loss most where they are held at their usual sizes.
+
+        A fit that lacks a large effect may bend its constants so far that the derivative by that effect vanishes.
+        """
+
+    @abstractmethod
     def without(self, name: str) -> Self:
         """The fit without an effect."""
 
