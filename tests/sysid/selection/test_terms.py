@@ -23,8 +23,9 @@ from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
+from sysid.report.figures import curve_charts
 from sysid.selection.effect_file import effect_source
-from sysid.selection.formula import source_from
+from sysid.selection.formula import SparseFormula, describe, source_from
 from sysid.selection.terms import SEEN_BY, Shape, Term, curve, effect_from_terms, library, shapes, term_from_json
 from tests.support.clip_samples import refusal
 
@@ -146,6 +147,20 @@ def test_a_curve_is_straight_between_its_hats_and_level_beyond(intervals: int) -
         found = np.array(values_of(push, {"y": float(y)}))
         assert found.sum() == pytest.approx(1.0) and heights @ found == pytest.approx(np.interp(y, at, heights))
     assert not any(values_of(drag, {"y": 0.0}))  # the model has a rolling friction already
+
+
+def test_a_curve_is_told_by_its_values_and_written_whole() -> None:
+    shape = curve("drag", "y", -0.9, 0.9, 4)
+    found = describe(SparseFormula(shape, (1.0,) * 4, np.array([0.01, 0.02, 0.03, -0.04])), None, None)
+    (one,) = found["curves"]
+    assert one["at"] == [-0.9, -0.45, 0.0, 0.45, 0.9] and one["value"] == [0.01, 0.02, 0.0, 0.03, -0.04]
+    assert one["sd"] == [None, None, 0.0, None, None] and (one["variable"], one["variable_unit"]) == ("y", "m")
+    assert "a curve of y: +0.01 at -0.9, +0.02 at -0.45, +0 at 0, +0.03 at 0.45, -0.04 at 0.9 m" in found["form"]
+    assert found["size"] == -0.04 and found["depends_on"] == ["place"]
+    assert source_from("odd_cloth", found, "a test").count("until_bend(ball, ") == 4
+    (drawn,) = curve_charts(found)
+    assert list(drawn.data[-1]["x"]) == [0.0] and "deceleration" in drawn.title.lower()
+    assert curve_charts(None) == curve_charts({"curves": []}) == []
 
 
 def test_a_step_acts_beyond_its_line_alone() -> None:
