@@ -27,7 +27,7 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
 from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
-from sysid.selection.free_forms import Cause, blocks, causes, free_candidates, mean_odds, ranges
+from sysid.selection.free_forms import Cause, blocks, cause_of, causes, free_candidates, mean_odds, ranges, usual_values
 from sysid.selection.score import Candidate, Score, Scores, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
@@ -147,12 +147,12 @@ def grown(
         return None
     block = found[0].block
     if block is None:
-        shape, cause, scores = _shape_of(found[0].name, terms), found[0], looked.scores
+        shape, cause = _shape_of(found[0].name, terms), found[0]
     else:
         families = [family for family in (_others(one, old) for one in block.shapes(looked.seen)) if family]
         if not families:
             return None
-        shape, cause, scores = _likeliest(families, score)
+        shape, cause = _likeliest(families, score)
     if len(old.terms) + len(shape) > MAX_TERMS:
         return None
     names = ", ".join(term.name for term in shape)
@@ -160,7 +160,7 @@ def grown(
     at = dict(zip(base.names, base.constants.tolist(), strict=True))
     values = [at[f"{EFFECT_NAME}.{one.name}"] for one in old.terms]
     most = MAX_PART_OF_BOUNDS * np.array([term.width for term in shape])
-    gain = _row_of(cause.name, scores).predicted_improvement / len(shape)
+    gain = cause.gain / len(shape)
     alike = _alike(shape, found, terms)
     return SparseFormula(
         (*old.terms, *shape), (*old.improvements, *[gain] * len(shape)),
@@ -186,14 +186,17 @@ def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tupl
 
 def _likeliest(
     families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
-) -> tuple[Shape, Cause, Scores]:
-    """The likeliest place or scale of the likeliest family of shapes, as a cause, and all scores."""
-    every = [shape for family in families for shape in family]
-    scores = score(shape_candidates(every))
-    odds = {_shape_of(cause.name, every): cause for cause in causes(scores)}
+) -> tuple[Shape, Cause]:
+    """The likeliest place or scale of the likeliest family of shapes, and it as a cause."""
+    terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
+    scores = score(shape_candidates([(term,) for term in terms]))
+    usual, name_of = usual_values(scores), {term: f"shape{k}" for k, term in enumerate(terms)}
+    odds = {
+        shape: cause_of(scores, usual, [name_of[term] for term in shape]) for family in families for shape in family
+    }
     best = max(families, key=lambda family: mean_odds(np.array([odds[shape].log_odds for shape in family])))
     shape = max(best, key=lambda shape: odds[shape].log_odds)
-    return shape, odds[shape], scores
+    return shape, odds[shape]
 
 
 def _others(every: Sequence[Shape], formula: SparseFormula | None) -> list[Shape]:

@@ -120,6 +120,7 @@ class Cause:
     log_odds: float  # marginal likelihood with it over that with nothing
     block: Block | None  # None for a named effect
     mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
+    gain: float  # fall of chi-square by these, predicted
 
 
 def log_odds(information: Array, gradient: Array, covariance: Array) -> float:
@@ -137,22 +138,32 @@ def _regular(covariance: Array) -> Array:
 def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
     """All candidates that were scored, the likeliest first; those of blocks are `free`."""
     by_name = {block.name: block for block in free}
-    usual = {row.candidate.name: row.candidate.usual() for row in scores.rows}
-    found = []
-    for name, at in scores.blocks.items():
-        probe = scores.probe[at]
-        information = scores.schur_information[at, at] / np.outer(probe, probe)
-        gradient = scores.gradient[at] / probe
-        block = by_name.get(name)
-        if block is None:
-            priors = [np.diag((size * usual[name]) ** 2) for size in USUAL_SIZES]
-        else:
-            priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
-        odds = np.array([log_odds(information, gradient, prior) for prior in priors])
-        prior = priors[int(np.argmax(odds))]
-        mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
-        found.append(Cause(name, mean_odds(odds), block, mean))
+    usual = usual_values(scores)
+    found = [cause_of(scores, usual, (name,), by_name.get(name)) for name in scores.blocks]
     return sorted(found, key=lambda cause: -cause.log_odds)
+
+
+def usual_values(scores: Scores) -> dict[str, Array]:
+    """Of the parameters of every candidate that was scored."""
+    return {row.candidate.name: row.candidate.usual() for row in scores.rows}
+
+
+def cause_of(scores: Scores, usual: dict[str, Array], names: Sequence[str], block: Block | None = None) -> Cause:
+    """A candidate, which may be a block, or several together, as a cause of the first one's name."""
+    at = np.concatenate([np.arange(scores.blocks[name].start, scores.blocks[name].stop) for name in names])
+    probe = scores.probe[at]
+    information = scores.schur_information[np.ix_(at, at)] / np.outer(probe, probe)
+    gradient = scores.gradient[at] / probe
+    if block is None:
+        size_of = np.concatenate([usual[name] for name in names])
+        priors = [np.diag((size * size_of) ** 2) for size in USUAL_SIZES]
+    else:
+        priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
+    odds = np.array([log_odds(information, gradient, prior) for prior in priors])
+    prior = priors[int(np.argmax(odds))]
+    mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
+    gain = -float(2.0 * gradient @ mean + mean @ information @ mean)
+    return Cause(names[0], mean_odds(odds), block, mean, gain)
 
 
 def mean_odds(odds: Array) -> float:

@@ -17,6 +17,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from models import formula as kinds
@@ -66,7 +67,7 @@ class Term:
     def moved(self, at: float) -> Term:
         """The same step at another place, or decay over another scale."""
         (make, variable) = (_step if self.kind == kinds.ABOVE else _decay), VARIABLES[int(self.constants[0])]
-        return dataclasses.replace(make(self.quantity, variable, at), limits=self.limits)
+        return dataclasses.replace(make(self.quantity, variable, at), name=self.name, limits=self.limits)
 
     def part(self, value: float, source: str) -> Part:
         """The term as a formula holds it, its coefficient at a value."""
@@ -149,6 +150,7 @@ SIZED = ("wz", "along")  # of which the size may count alone
 DECAYING = ("speed", "slip", "approach", "time")  # of which a quantity may fade
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
 PLACE_DIGITS = 4
+SECOND_STEP = "beyond"  # in the name of the second step of a variable
 CURVE_INTERVALS = (4, 8, 16)  # between the hats of a curve
 WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # of which the model has no constant of its own
 
@@ -267,7 +269,10 @@ def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[S
         return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
     parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
     steps = [_step(quantity, variable, low + part) for part in parts]
-    families += [[(_square(quantity, variable),)], [(dataclasses.replace(one, limits=(low, high)),) for one in steps]]
+    steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
+    second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
+    families += [[(_square(quantity, variable),)], [(one,) for one in steps]]
+    families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
     if variable in DECAYING:
         decays, least = [_decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
@@ -292,7 +297,8 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
     if code is None or quantity not in SEEN_BY:
         return None
     if found := STEP_PATTERN.fullmatch(factor):
-        return _step(quantity, found[1], float(found[2]))
+        step = _step(quantity, found[1], float(found[2]))
+        return dataclasses.replace(step, name=name) if name == f"{quantity}_{found[1]}_{SECOND_STEP}" else step
     if found := DECAY_PATTERN.fullmatch(factor):
         return _decay(quantity, found[1], float(found[2]))
     if (found := HAT_PATTERN.fullmatch(factor)) and (number := CURVE_NAME.fullmatch(name)):
@@ -352,6 +358,12 @@ def _cell(name: str, sizes: Sequence[float]) -> Term:
     )  # fmt: skip
 
 
+@cache
+def _known_terms() -> dict[tuple[str, str], Term]:
+    """Of the library, by name and quantity; cells of the cloth stand for those of any table."""
+    return {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
+
+
 def term_from_json(entry: Any) -> tuple[Term, float]:
     """A term of result.json, as the library has it, and its coefficient.
 
@@ -365,8 +377,7 @@ def term_from_json(entry: Any) -> tuple[Term, float]:
     number = _number(value)
     if not math.isfinite(number):
         raise BadInput(f"value of term {shown(name)} is {shown(value)}; {RESULT_REMEDY}")
-    terms = {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
-    term = terms.get((name, quantity))
+    term = _known_terms().get((name, quantity))
     if term is not None and term.place is not None and (code := factor_code(quantity, factor)) is not None:
         term = _cell(name, code[1])
     elif term is None:
