@@ -41,7 +41,7 @@ def discover(
         clip_set: every fifth clip is held out.
         model: what to start from; all its constants are fitted.
         show: called with the result so far, after each effect.
-        error_rate: of a cause that is added: what is left to nothing, or to shots that scatter by themselves.
+        error_rate: of a cause that is added: what is left to nothing, or to a cause that each shot has of its own.
     """
     parts, _, model = split(clip_set, model)
     parts, at, now = fit_from_nothing(parts, model)

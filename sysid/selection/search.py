@@ -251,6 +251,7 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
 
     def judge(row: Score, more: V) -> None:
         at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
+        fits[:] = [one for one in fits if one.name != row.candidate.name]
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
         if threshold.is_passed(at):
             good.append((fits[-1], at))
