@@ -120,11 +120,11 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     With the likeliest values d away from the middle, information S and covariance C of what they may be, a gain of log
     likelihood counts less d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the sizes that they may have.
     """
-    rows = _rows(more, unknowns)
-    information, gradient = more.told_of(rows)
-    occam = _occam(more, unknowns, information.sum(axis=0))
+    occam = _occam(more, unknowns, more.told_of(_rows(more, unknowns))[0].sum(axis=0))
     gain, known = less.gain(more) / more.design_effect, _known(less, more)
-    odds, alone = gain + known + occam, over_scatter(_away(more, unknowns), unknowns, information, gradient)
+    sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
+    alone = over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
+    odds = gain + known + occam
     held = less.held_gains(more)
     holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
     names = ", ".join(one.name for one in unknowns)
@@ -132,7 +132,7 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
         "%s: log odds %.1f over nothing, %.1f over values of each shot's own, held out %.0f",
         names, odds, alone, held.sum(),
     )  # fmt: skip
-    bic = 2.0 * gain - len(rows) * math.log(max(more.count / more.design_effect, 2.0))
+    bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
     return Judged(more, tuple(unknowns), odds, alone, seen, holds, occam)
 
