@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 from typing import Self
 
 import numpy as np
@@ -96,8 +98,11 @@ class WholeShots(View):
             now = remove_effect(now, name)
         return dataclasses.replace(self, now=fit_candidate(self.parts, now, score))
 
-    def tried(self, rows: Sequence[Score]) -> list[tuple[Score, Self]]:
-        """See `View`."""
+    def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
+        """See `View`; none where residuals are no larger than chance leaves them."""
+        chance = math.sqrt(2.0 * counted_as_one(self.now) / self.count)
+        if self.now.chi2 < 1.0 + NormalDist().inv_cdf(1.0 - error_rate) * chance:
+            return []
         found = []
         for row, effect in most_promising(self.now, rows):
             held = self.now.problem.with_model(self.now.model.add(effect), self.now.names)

@@ -79,7 +79,7 @@ class Windows(View):
         """The fit with an effect more, or with another formula."""
         return dataclasses.replace(self, at=with_effect(self.at, score))
 
-    def tried(self, rows: Sequence[Score]) -> list[tuple[Score, Self]]:
+    def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
         """None: constants that windows leave are not bent so far."""
         return []
 

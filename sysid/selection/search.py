@@ -123,7 +123,7 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     occam = _occam(more, unknowns, more.told_of(_rows(more, unknowns))[0].sum(axis=0))
     gain, known = less.gain(more) / more.design_effect, _known(less, more)
     sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
-    alone = over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
+    alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam
     held = less.held_gains(more)
     holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
@@ -260,8 +260,9 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
         if len(fits) >= MAX_FITS and good:
             break
         judge(row, start.with_effect(row))
-    if not good and view.design_effect > 1.0:
-        for row, more in start.tried([row for row in seen.scores.rows if row.candidate.name in seen.named]):
+    if not good:
+        every = [row for row in seen.scores.rows if row.candidate.name in seen.named]
+        for row, more in start.tried(every, threshold.error_rate):
             judge(row, more)
     good = ranked(good)
     best = good[0] if good else None

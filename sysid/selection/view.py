@@ -63,7 +63,7 @@ class View(ABC):
         """The fit with an effect more, or with another formula in place of its own."""
 
     @abstractmethod
-    def tried(self, rows: Sequence[Score]) -> list[tuple[Score, Self]]:
+    def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
         """The fit with each of a few effects that lower its loss most where they are held at their usual sizes.
 
         A fit that lacks a large effect may bend its constants so far that the derivative by that effect vanishes.
