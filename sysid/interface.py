@@ -33,8 +33,8 @@ from sysid.residuals.comparison import Comparison
 from sysid.selection.diagnose import ClipDiagnosis
 from sysid.selection.diagnose import diagnose as diagnose_clips
 from sysid.selection.discover import discover as discover_effects
+from sysid.selection.judgement import ERROR_RATE
 from sysid.selection.result import DiscoveryResult, Show
-from sysid.selection.search import ERROR_RATE
 
 SDS_OF_95_PERCENT = 1.96  # standard deviations to either side
 CALLED_FROM = "sysid.discover"  # what model files name as their origin

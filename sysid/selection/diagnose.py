@@ -17,10 +17,11 @@ from sysid.estimation.split import Split, in_any_case, split
 from sysid.selection.by_whole_shots import WholeShots
 from sysid.selection.by_windows import Windows
 from sysid.selection.formula import describe
+from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
 from sysid.selection.next_shot import NextShot, propose_next
 from sysid.selection.remainder import remainder
 from sysid.selection.screening import Diagnosis
-from sysid.selection.search import ERROR_RATE, Round, V, judged, next_cause, unknowns_of_terms
+from sysid.selection.search import Round, next_cause
 
 
 @dataclass(frozen=True)

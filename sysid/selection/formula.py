@@ -33,15 +33,14 @@ from sysid.selection.terms import (
     DEPENDENCES,
     PLACE_DIGITS,
     QUANTITY_TEXTS,
-    RESULT_REMEDY,
     VARIABLE_UNITS,
     WITHOUT_CONSTANT,
     Shape,
     Term,
     effect_from_terms,
     library,
-    term_from_json,
 )
+from sysid.selection.terms_read import RESULT_REMEDY, term_from_json
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with

@@ -2,27 +2,20 @@
 
 In: a `View` of a fit. Out: views with what it lacks added, and the rounds in which that was found.
 
-Every cause is judged by its marginal likelihood (free_forms.py): by how much likelier the shots are with it, averaged
-over what it may be. Named effects, unknown functions and terms are scored beside the fit at once. All of them
-together are as likely beforehand as nothing; a cause is added if what is left of nothing's probability is at most
-`ERROR_RATE`, first by its score, then by a fit, and if shots held out do not contradict it by more than chance. An
-unknown function is added as a term that has its shape, if that explains more than the best named effect and this leaves
-more than noise. What the rest makes needless, by the same rule, is dropped.
+Named effects, unknown functions and terms are scored beside the fit at once. A cause is added if it is sure but for an
+error rate (judgement.py), first by its score, then by a fit. An unknown function is added as terms that have its shape,
+if these explain more than the best named effect and this leaves more than noise. What the rest makes needless, by the
+same rule, is dropped.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import logging
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic
 
-import numpy as np
-
-from sysid.estimation.problem import Array, Index
-from sysid.selection.evidence import Evidence, chi2_of_known
 from sysid.selection.formula import (
     EFFECT_NAME,
     SEPARATED_LOG_ODDS,
@@ -32,165 +25,26 @@ from sysid.selection.formula import (
     look,
     shape_candidates,
 )
-from sysid.selection.free_forms import USUAL_SIZES, causes, log_odds, mean_odds
-from sysid.selection.score import Candidate, Score, candidate
+from sysid.selection.free_forms import causes
+from sysid.selection.judgement import (
+    ERROR_RATE,
+    Judged,
+    Threshold,
+    Unknown,
+    V,
+    judged,
+    likelier,
+    occam_of,
+    size_of,
+    unknowns_of,
+    unknowns_of_terms,
+)
+from sysid.selection.score import Score, candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.terms import Shape
-from sysid.selection.view import View
 
-ERROR_RATE = 0.05  # that is left to nothing, or to a cause that each shot has of its own, where a cause is added
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
-PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
-V = TypeVar("V", bound=View)  # of windows or of whole shots
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """What is known beforehand of a parameter."""
-
-    name: str
-    middle: float  # where it does nothing, or the middle of what it may be
-    sd: float  # its usual size, or the standard deviation of what it may be
-    sized: bool  # whether sizes smaller and larger than the usual one are as likely
-
-
-def unknowns_of(one: Candidate, names: Sequence[str]) -> list[Unknown]:
-    """Parameters of an effect that are among some constants."""
-    found = []
-    for key, meta in one.effect.parameters().items():
-        if (name := f"{one.name}.{key}") in names:
-            low, high = meta["bounds"]
-            if meta["off"] is None:
-                found.append(Unknown(name, 0.5 * (low + high), (high - low) / math.sqrt(12.0), False))
-            else:
-                usual = abs(float(getattr(one.effect, key)) - meta["off"])
-                found.append(Unknown(name, meta["off"], usual, True))
-    return found
-
-
-def unknowns_of_terms(terms: Shape) -> list[Unknown]:
-    """Coefficients of terms, and where their steps lie or over what they decay."""
-    found = []
-    for term in terms:
-        found.append(Unknown(f"{EFFECT_NAME}.{term.name}", 0.0, PART_OF_WIDTH * term.width, True))
-        if term.limits is not None and term.place_name is not None:
-            low, high = term.limits
-            name = f"{EFFECT_NAME}.{term.place_name}"
-            found.append(Unknown(name, 0.5 * (low + high), (high - low) / math.sqrt(12.0), False))
-    return found
-
-
-@dataclass(frozen=True)
-class Judged(Generic[V]):
-    """A fit with something more, and what speaks for that."""
-
-    view: V
-    unknowns: tuple[Unknown, ...]  # what it has more
-    log_odds: float  # of it over the fit without
-    over_scatter: float  # log odds over values that each shot has of its own
-    evidence: Evidence
-    holds: bool  # whether shots held out do not speak against it
-    occam: float  # what its unknowns lose by what they might have been, in log likelihood
-
-
-@dataclass(frozen=True)
-class Threshold:
-    """From where on a cause is sure but for an error rate.
-
-    Beforehand all causes together are as likely as nothing, and each as likely as one that every shot has of its own.
-    """
-
-    count: int  # of causes that were scored
-    error_rate: float
-
-    @property
-    def sure(self) -> float:
-        """Log odds of what is sure."""
-        return math.log((1.0 - self.error_rate) / self.error_rate)
-
-    def is_passed(self, one: Judged[V]) -> bool:
-        """Whether it is sure, and held-out shots do not speak against it."""
-        return one.holds and one.log_odds > math.log(self.count) + self.sure and one.over_scatter > self.sure
-
-
-def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
-    """What speaks for a fit with some parameters more.
-
-    With the likeliest values d away from the middle, information S and covariance C of what they may be, a gain of log
-    likelihood counts less d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the sizes that they may have.
-    """
-    occam = _occam(more, unknowns, more.told_of(_rows(more, unknowns))[0].sum(axis=0))
-    gain, known = less.gain(more) / more.design_effect, _known(less, more)
-    sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
-    alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
-    odds = gain + known + occam
-    held = less.held_gains(more)
-    holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
-    names = ", ".join(one.name for one in unknowns)
-    log.info(
-        "%s: log odds %.1f over nothing, %.1f over values of each shot's own, held out %.0f",
-        names, odds, alone, held.sum(),
-    )  # fmt: skip
-    bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
-    seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
-    return Judged(more, tuple(unknowns), odds, alone, seen, holds, occam)
-
-
-def _known(less: View, more: View) -> float:
-    """By how much a second fit agrees better with what is known beside the clips, in log likelihood."""
-    return 0.5 * (chi2_of_known(less.point) - chi2_of_known(more.point))
-
-
-def likelier(one: Judged[V], two: Judged[V]) -> float:
-    """Log of the marginal likelihood of the second over that of the first, neither of which need hold the other."""
-    first, second = one.view.beside(two.view), two.view.beside(one.view)
-    gain = first.gain(second)
-    better = second if gain > 0 else first
-    return gain / better.design_effect + _known(first, second) + two.occam - one.occam
-
-
-def _rows(view: V, unknowns: Sequence[Unknown]) -> Index:
-    return np.array([view.names.index(one.name) for one in unknowns])
-
-
-def _away(view: V, unknowns: Sequence[Unknown]) -> Array:
-    """Parameters (k,) as distances from their middles."""
-    return np.asarray(view.point.constants[_rows(view, unknowns)] - np.array([one.middle for one in unknowns]))
-
-
-def _covariances(unknowns: Sequence[Unknown]) -> list[Array]:
-    """Of what parameters may be, (k, k), for each size that they may have."""
-    sd, sized = np.array([one.sd for one in unknowns]), np.array([one.sized for one in unknowns])
-    return [np.diag(np.where(sized, size * sd, sd) ** 2) for size in USUAL_SIZES]
-
-
-def _occam(view: V, unknowns: Sequence[Unknown], information: Array) -> float:
-    """What parameters lose by what they might have been, in log likelihood; see `judged`."""
-    away, odds = _away(view, unknowns), []
-    for covariance in _covariances(unknowns):
-        both = np.eye(len(away)) + covariance @ information
-        lost = float(away @ information @ np.linalg.solve(both, away)) + float(np.linalg.slogdet(both)[1])
-        odds.append(-0.5 * lost)
-    return mean_odds(np.array(odds))
-
-
-def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, gradient: Array) -> float:
-    """Log odds of parameters that all shots share over those that each shot has of its own, of the same sizes.
-
-    The losses of shots are quadratic in the parameters.
-
-    Args:
-        away: (k,) where they are likeliest, from their middles.
-        unknowns: what is known of them beforehand.
-        information: (n, k, k) of each shot.
-        gradient: (n, k) of its loss, there.
-    """
-    pull = information @ away - gradient  # gradient where the parameters do nothing, downwards
-    sizes = _covariances(unknowns)
-    shared = [log_odds(information.sum(axis=0), pull.sum(axis=0), one) for one in sizes]
-    own = [sum(log_odds(*shot, one) for shot in zip(information, pull, strict=True)) for one in sizes]
-    return mean_odds(np.array(shared)) - mean_odds(np.array(own))
 
 
 @dataclass(frozen=True)
@@ -346,7 +200,7 @@ def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
     """
     beside = causes(rival.view.scores(shape_candidates([shape])))[0].log_odds
     unknowns = unknowns_of_terms(shape)
-    occam = _occam(view, unknowns, view.told_of(_rows(view, unknowns))[0].sum(axis=0))
+    occam = occam_of(view, unknowns)
     at = dataclasses.replace(rival, view=view, unknowns=tuple(unknowns), occam=occam)
     more = likelier(rival, at)
     log.info("%s: log odds %.1f over the best effect, %.1f beside it", shape[0].group, more, beside)
@@ -363,7 +217,7 @@ def without_needless(
             kind = next(type(one) for one in view.model.effects if one.name() == name)
             parts.append((name, unknowns_of(candidate(kind), view.names)))
         parts += [(group, unknowns_of_terms(group)) for group in (() if formula is None else formula.groups)]
-        part, unknowns = min(parts, key=lambda one: _size(view, one[1]))
+        part, unknowns = min(parts, key=lambda one: size_of(view, one[1]))
         less, fewer = view, formula
         if isinstance(part, str):
             less = view.without(part)
@@ -376,13 +230,6 @@ def without_needless(
         log.info("%s is not needed", part if isinstance(part, str) else part[0].group)
         view, formula, verdict = less, fewer, tuple(name for name in verdict if name != part)
     return view, verdict, formula
-
-
-def _size(view: V, unknowns: Sequence[Unknown]) -> float:
-    """What parameters are worth by their distance from where they do nothing, in log likelihood."""
-    unknowns = [one for one in unknowns if one.sized]
-    away = _away(view, unknowns)
-    return 0.5 * float(away @ view.told_of(_rows(view, unknowns))[0].sum(axis=0) @ away)
 
 
 @dataclass(frozen=True)

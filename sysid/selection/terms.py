@@ -17,22 +17,15 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 from models import formula as kinds
 from models.effect import Effect
-from models.errors import BadInput
-from models.files.faults import shown
 from models.formula import MovingPlace, Part, formula
 from models.shot import Table
 from models.variables import VARIABLES
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")
-MAX_BALLS = 100  # for which terms of an earlier result are looked up
-RESULT_REMEDY = "name a result.json as sysid discover of this version writes it"
-MAX_COEFFICIENT_WIDTHS = 100.0  # largest coefficient of an earlier result, over the term's width
 
 
 Shape = tuple["Term", ...]  # terms that come together
@@ -66,7 +59,7 @@ class Term:
 
     def moved(self, at: float) -> Term:
         """The same step at another place, or decay over another scale."""
-        (make, variable) = (_step if self.kind == kinds.ABOVE else _decay), VARIABLES[int(self.constants[0])]
+        (make, variable) = (step if self.kind == kinds.ABOVE else decay), VARIABLES[int(self.constants[0])]
         return dataclasses.replace(make(self.quantity, variable, at), name=self.name, limits=self.limits)
 
     def part(self, value: float, source: str) -> Part:
@@ -114,7 +107,6 @@ DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
 HAT_PATTERN = re.compile(
     rf"min\(max\(1\.0 ([+-]) (abs)?\(([a-z]+) ([+-]) {DISTANCE}\) / {DISTANCE}, 0\.0\), 1\.0\)", re.ASCII
 )
-CURVE_NAME = re.compile(r"[a-z_]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
 PLACE_VARIABLES = ("x", "y")
 FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
     "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
@@ -223,11 +215,11 @@ def _which(quantity: str, variable: str, k: int) -> str:
     return f"{PLACES[quantity]}, {'the struck ball' if k == 0 else f'ball {k}'}"
 
 
-def _square(quantity: str, variable: str) -> Term:
+def square(quantity: str, variable: str) -> Term:
     return _term(quantity, f"{variable}_2", f"{variable}**2", (variable,), 2.0)
 
 
-def _step(quantity: str, variable: str, at: float) -> Term:
+def step(quantity: str, variable: str, at: float) -> Term:
     """One beyond a value of the variable."""
     at = round(at, PLACE_DIGITS) + 0.0
     beyond = f"where {variable} >" if variable in PLACE_VARIABLES else f"{DEPENDENCES[variable]} above"
@@ -235,13 +227,13 @@ def _step(quantity: str, variable: str, at: float) -> Term:
     return _term(quantity, f"{variable}_above", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
-def _decay(quantity: str, variable: str, scale: float) -> Term:
+def decay(quantity: str, variable: str, scale: float) -> Term:
     """One that falls by e over a scale."""
     scale = max(round(scale, PLACE_DIGITS), 10.0**-PLACE_DIGITS)
     return _term(quantity, f"{variable}_fade", f"exp(-{variable} / {scale:g})", (variable,), 0.0)
 
 
-def _hat(quantity: str, variable: str, number: str, at: float, half: float, side: float) -> Term:
+def hat(quantity: str, variable: str, number: str, at: float, half: float, side: float) -> Term:
     """One at a place, falling to 0 over `half` on either side, or staying 1 below (side 1) or above it (-1)."""
     away = f"({variable} {'+' if at < 0 else '-'} {abs(at):g})"
     away = f"- abs{away}" if side == 0.0 else f"{'-' if side > 0 else '+'} {away}"
@@ -257,7 +249,7 @@ def curve(quantity: str, variable: str, low: float, high: float, intervals: int)
         at = round(round(middle, PLACE_DIGITS) + (k - intervals // 2) * half, PLACE_DIGITS) + 0.0
         side = 1.0 if k == 0 else -1.0 if k == intervals else 0.0
         if 2 * k != intervals or quantity in WITHOUT_CONSTANT:
-            hats.append(_hat(quantity, variable, f"{intervals}_{k}", at, half, side))
+            hats.append(hat(quantity, variable, f"{intervals}_{k}", at, half, side))
     return tuple(hats)
 
 
@@ -268,16 +260,16 @@ def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[S
     if variable == "heading":
         return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
     parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
-    steps = [_step(quantity, variable, low + part) for part in parts]
+    steps = [step(quantity, variable, low + part) for part in parts]
     steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
     second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
-    families += [[(_square(quantity, variable),)], [(one,) for one in steps]]
+    families += [[(square(quantity, variable),)], [(one,) for one in steps]]
     families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
     if variable in DECAYING:
-        decays, least = [_decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
+        decays, least = [decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
     if variable in SIZED:
-        families.append([(_size(quantity, variable),)])
+        families.append([(size(quantity, variable),)])
     return [*families, [curve(quantity, variable, low, high, intervals) for intervals in CURVE_INTERVALS]]
 
 
@@ -287,26 +279,8 @@ def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]
     return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
 
 
-def _size(quantity: str, variable: str) -> Term:
+def size(quantity: str, variable: str) -> Term:
     return _term(quantity, f"{variable}_size", f"abs({variable})", (variable,))
-
-
-def _read(name: str, quantity: str, factor: str) -> Term | None:
-    """A term of `shapes` from its factor as text; None for any other text."""
-    code = factor_code(quantity, factor)
-    if code is None or quantity not in SEEN_BY:
-        return None
-    if found := STEP_PATTERN.fullmatch(factor):
-        step = _step(quantity, found[1], float(found[2]))
-        return dataclasses.replace(step, name=name) if name == f"{quantity}_{found[1]}_{SECOND_STEP}" else step
-    if found := DECAY_PATTERN.fullmatch(factor):
-        return _decay(quantity, found[1], float(found[2]))
-    if (found := HAT_PATTERN.fullmatch(factor)) and (number := CURVE_NAME.fullmatch(name)):
-        _, at, half, side = code[1]
-        return _hat(quantity, found[3], f"{number[1]}_{number[2]}", at, half, side)
-    if (found := POWER_PATTERN.fullmatch(factor)) and found[2]:
-        return _square(quantity, found[1])
-    return next((_size(quantity, v) for v in SIZED if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)
 
 
 def _cells(table: Table) -> list[Term]:
@@ -314,7 +288,7 @@ def _cells(table: Table) -> list[Term]:
     nx, ny = CLOTH_CELLS
     dx, dy = table.length / nx, table.width / ny
     return [
-        _cell(f"drag_at_{i}_{j}", ((i + 0.5) * dx - table.length / 2, dx / 2, (j + 0.5) * dy - table.width / 2, dy / 2))
+        cell(f"drag_at_{i}_{j}", ((i + 0.5) * dx - table.length / 2, dx / 2, (j + 0.5) * dy - table.width / 2, dy / 2))
         for i in range(nx) for j in range(ny)
     ]  # fmt: skip
 
@@ -344,7 +318,7 @@ def library(table: Table, names: int = 2) -> list[Term]:
     return found
 
 
-def _cell(name: str, sizes: Sequence[float]) -> Term:
+def cell(name: str, sizes: Sequence[float]) -> Term:
     """A drag on a rectangle of the cloth: x, half of its length, y, half of its width, rounded as its text has them."""
     x, half_x, y, half_y = rounded = tuple(round(v, 4) for v in sizes)
     tests = [
@@ -356,48 +330,6 @@ def _cell(name: str, sizes: Sequence[float]) -> Term:
         name, "drag", " and ".join(tests), QUANTITY_UNITS["drag"], COEFFICIENT_WIDTHS["drag"], where, ("place",),
         (x, y), kinds.BOX, rounded,
     )  # fmt: skip
-
-
-@cache
-def _known_terms() -> dict[tuple[str, str], Term]:
-    """Of the library, by name and quantity; cells of the cloth stand for those of any table."""
-    return {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
-
-
-def term_from_json(entry: Any) -> tuple[Term, float]:
-    """A term of result.json, as the library has it, and its coefficient.
-
-    Raises:
-        BadInput: for what is no term of the library; nothing of its text is evaluated.
-    """
-    fields = entry if isinstance(entry, dict) else {}
-    name, quantity, factor, value = (fields.get(key) for key in ("name", "door", "factor", "value"))
-    if not (isinstance(name, str) and isinstance(quantity, str) and isinstance(factor, str)):
-        raise BadInput(f"a term has no name, door or factor; {RESULT_REMEDY}")
-    number = _number(value)
-    if not math.isfinite(number):
-        raise BadInput(f"value of term {shown(name)} is {shown(value)}; {RESULT_REMEDY}")
-    term = _known_terms().get((name, quantity))
-    if term is not None and term.place is not None and (code := factor_code(quantity, factor)) is not None:
-        term = _cell(name, code[1])
-    elif term is None:
-        term = _read(name, quantity, factor)
-    if term is None or (term.name, term.factor) != (name, factor):
-        term_text = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
-        raise BadInput(f"no term {term_text} is known; {RESULT_REMEDY}")
-    if abs(number) > MAX_COEFFICIENT_WIDTHS * term.width:
-        raise BadInput(f"value of term {shown(name)} is {shown(value)}, far outside its bounds; {RESULT_REMEDY}")
-    return term, number
-
-
-def _number(value: object) -> float:
-    """A number of a JSON file; nan for anything else, or what is too large for one."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:
-        return math.nan
 
 
 def effect_from_terms(name: str, terms: Sequence[Term], values: Sequence[float]) -> Effect:

@@ -19,9 +19,10 @@ from sysid.estimation import begin
 from sysid.report.result_json import result_of
 from sysid.selection.by_whole_shots import WholeShots
 from sysid.selection.discover import discover
+from sysid.selection.judgement import Threshold
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import Threshold, without_needless
+from sysid.selection.search import without_needless
 from tests.truth.__main__ import main as generate
 
 CLIPS = "8"

@@ -18,19 +18,9 @@ from sysid.selection.by_whole_shots import WholeShots
 from sysid.selection.by_windows import Windows
 from sysid.selection.formula import SparseFormula, shape_candidates
 from sysid.selection.free_forms import causes
+from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
 from sysid.selection.score import candidate
-from sysid.selection.search import (
-    Found,
-    Threshold,
-    Unknown,
-    judged,
-    next_cause,
-    outdoes,
-    over_scatter,
-    search,
-    unknowns_of,
-    without_needless,
-)
+from sysid.selection.search import Found, next_cause, outdoes, search, without_needless
 from sysid.selection.terms import library
 from tests.truth.__main__ import main as generate
 

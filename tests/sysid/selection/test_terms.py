@@ -26,7 +26,8 @@ from models.simulation.simulate import simulate
 from sysid.report.figures import curve_charts
 from sysid.selection.effect_file import effect_source
 from sysid.selection.formula import SparseFormula, describe, source_from
-from sysid.selection.terms import SEEN_BY, Shape, Term, curve, effect_from_terms, library, shapes, term_from_json
+from sysid.selection.terms import SEEN_BY, Shape, Term, curve, effect_from_terms, library, shapes
+from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)

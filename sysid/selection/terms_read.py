@@ -1,0 +1,99 @@
+"""Terms of a formula, read again from an earlier result.
+
+In: entries of result.json. Out: terms as the library has them (terms.py); nothing of their text is evaluated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from functools import cache
+from typing import Any
+
+from models.errors import BadInput
+from models.files.faults import shown
+from models.shot import Table
+from sysid.selection.terms import (
+    DECAY_PATTERN,
+    HAT_PATTERN,
+    POWER_PATTERN,
+    SECOND_STEP,
+    SEEN_BY,
+    SIZED,
+    STEP_PATTERN,
+    Term,
+    cell,
+    decay,
+    factor_code,
+    hat,
+    library,
+    size,
+    square,
+    step,
+)
+
+MAX_BALLS = 100  # for which terms of an earlier result are looked up
+MAX_COEFFICIENT_WIDTHS = 100.0  # largest coefficient of an earlier result, over the term's width
+RESULT_REMEDY = "name a result.json as sysid discover of this version writes it"
+CURVE_NAME = re.compile(r"[a-z_]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
+
+
+@cache
+def _known_terms() -> dict[tuple[str, str], Term]:
+    """Of the library, by name and quantity; cells of the cloth stand for those of any table."""
+    return {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
+
+
+def term_from_json(entry: Any) -> tuple[Term, float]:
+    """A term of result.json, as the library has it, and its coefficient.
+
+    Raises:
+        BadInput: for what is no term of the library; nothing of its text is evaluated.
+    """
+    fields = entry if isinstance(entry, dict) else {}
+    name, quantity, factor, value = (fields.get(key) for key in ("name", "door", "factor", "value"))
+    if not (isinstance(name, str) and isinstance(quantity, str) and isinstance(factor, str)):
+        raise BadInput(f"a term has no name, door or factor; {RESULT_REMEDY}")
+    number = _number(value)
+    if not math.isfinite(number):
+        raise BadInput(f"value of term {shown(name)} is {shown(value)}; {RESULT_REMEDY}")
+    term = _known_terms().get((name, quantity))
+    if term is not None and term.place is not None and (code := factor_code(quantity, factor)) is not None:
+        term = cell(name, code[1])
+    elif term is None:
+        term = _read(name, quantity, factor)
+    if term is None or (term.name, term.factor) != (name, factor):
+        term_text = f"{shown(name)} on {shown(quantity)} with factor {shown(factor)}"
+        raise BadInput(f"no term {term_text} is known; {RESULT_REMEDY}")
+    if abs(number) > MAX_COEFFICIENT_WIDTHS * term.width:
+        raise BadInput(f"value of term {shown(name)} is {shown(value)}, far outside its bounds; {RESULT_REMEDY}")
+    return term, number
+
+
+def _number(value: object) -> float:
+    """A number of a JSON file; nan for anything else, or what is too large for one."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+def _read(name: str, quantity: str, factor: str) -> Term | None:
+    """A term of `shapes` from its factor as text; None for any other text."""
+    code = factor_code(quantity, factor)
+    if code is None or quantity not in SEEN_BY:
+        return None
+    if found := STEP_PATTERN.fullmatch(factor):
+        one = step(quantity, found[1], float(found[2]))
+        return dataclasses.replace(one, name=name) if name == f"{quantity}_{found[1]}_{SECOND_STEP}" else one
+    if found := DECAY_PATTERN.fullmatch(factor):
+        return decay(quantity, found[1], float(found[2]))
+    if (found := HAT_PATTERN.fullmatch(factor)) and (number := CURVE_NAME.fullmatch(name)):
+        _, at, half, side = code[1]
+        return hat(quantity, found[3], f"{number[1]}_{number[2]}", at, half, side)
+    if (found := POWER_PATTERN.fullmatch(factor)) and found[2]:
+        return square(quantity, found[1])
+    return next((size(quantity, v) for v in SIZED if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)
