@@ -171,7 +171,7 @@ def fit_joint(
 
 def is_within(step: Array, covariance: Array) -> bool:
     """Whether a step (q,) moves no constant by more than its standard deviation, where that is known (q, q)."""
-    sd = np.sqrt(np.diag(covariance))
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding leaves less than nothing of what hardly is known
     return bool(np.all(np.abs(step)[np.isfinite(sd)] < sd[np.isfinite(sd)]))
 
 
