@@ -263,7 +263,8 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
 def _in_words(group: Shape, values: Sequence[float]) -> str:
     """Terms of a formula with their coefficients; a curve by its values at the places between which it is straight."""
     if group[0].kind != kinds.HAT:
-        return f"{QUANTITY_TEXTS[group[0].quantity]}: {values[0]:+.4g} * ({group[0].factor})"
+        parts = [f"{QUANTITY_TEXTS[t.quantity]}: {v:+.4g} * ({t.factor})" for t, v in zip(group, values, strict=True)]
+        return "; ".join(parts)
     curve = _curve(group, dict(zip(group, values, strict=True)), dict.fromkeys(group, 0.0))
     points = ", ".join(f"{v:+.3g} at {at:g}" for at, v in zip(curve["at"], curve["value"], strict=True))
     unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""

@@ -243,18 +243,18 @@ class Found(Generic[V]):
 
 
 def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Found[V], Screening]]:
-    """What a fit lacks, after each round in which a cause was looked for; the last found none that stays."""
+    """What a fit lacks, after each round in which a cause was looked for; the last found none that stays.
+
+    What an earlier search found, in windows, say, is dropped as well where it is not sure in these shots.
+    """
     been = [_what(found)]
     while True:
         seen = next_cause(found.view, found.formula, error_rate)
-        if seen.view is found.view:
-            yield found, seen.screening
-            return
         verdict = (*found.verdict, seen.name) if seen.name else found.verdict
         view, kept, formula = without_needless(seen.view, verdict, seen.formula, seen.threshold)
         gone = tuple(name for name in verdict if name not in kept)
         now = Found(view if view is seen.view else view.searched(), kept, formula, (*found.dropped, *gone))
-        if _what(now) in been:  # what was added is what was dropped
+        if _what(now) in been:  # nothing was added, or what was dropped
             yield found, seen.screening
             return
         found = now

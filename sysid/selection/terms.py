@@ -49,8 +49,10 @@ class Term:
 
     @property
     def group(self) -> str:
-        """Name of the curve that it is a hat of; its own otherwise."""
-        return self.name.rpartition("_")[0] if self.kind == kinds.HAT else self.name
+        """Name of the curve that it is a hat of, or of the first of two steps; its own otherwise."""
+        if self.kind == kinds.HAT:
+            return self.name.rpartition("_")[0]
+        return self.name.removesuffix(SECOND_STEP) + FIRST_STEP if self.name.endswith(f"_{SECOND_STEP}") else self.name
 
     @property
     def place_name(self) -> str | None:
@@ -142,7 +144,7 @@ SIZED = ("wz", "along")  # of which the size may count alone
 DECAYING = ("speed", "slip", "approach", "time")  # of which a quantity may fade
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
 PLACE_DIGITS = 4
-SECOND_STEP = "beyond"  # in the name of the second step of a variable
+FIRST_STEP, SECOND_STEP = "above", "beyond"  # in the names of steps of a variable
 CURVE_INTERVALS = (4, 8, 16)  # between the hats of a curve
 WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # of which the model has no constant of its own
 
@@ -224,7 +226,7 @@ def step(quantity: str, variable: str, at: float) -> Term:
     at = round(at, PLACE_DIGITS) + 0.0
     beyond = f"where {variable} >" if variable in PLACE_VARIABLES else f"{DEPENDENCES[variable]} above"
     where = f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
-    return _term(quantity, f"{variable}_above", f"{variable} > {at:g}", (variable,), 0.0, where)
+    return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
 def decay(quantity: str, variable: str, scale: float) -> Term:
