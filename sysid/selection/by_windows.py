@@ -48,8 +48,8 @@ class Windows(View):
 
     @property
     def fitted(self) -> FittedModel:
-        """As a fit of whole shots that are not played."""
-        return of_windows(self.at, self.base)
+        """As a fit of whole shots that are not played; the base itself where nothing was added to it."""
+        return self.base if self.names == self.base.names else of_windows(self.at, self.base)
 
     @property
     def windows(self) -> int:
