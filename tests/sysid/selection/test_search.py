@@ -43,7 +43,7 @@ def test_windows_name_the_hidden_effect_and_not_what_resembles_it(drag: Made) ->
     windows = Windows(at, base)
     found = next_cause(windows)
     seen = found.screening
-    assert seen.windows == len(at.fitted.states) and seen.best is not None
+    assert seen.windows == len(at.fitted.states) and seen.best is not None and seen.base is base
     assert found.name == seen.best.name == "speed_drag" and found.formula is None
     after = next_cause(found.view)
     assert after.name is None and after.screening.best is None and after.view is found.view
