@@ -1,4 +1,4 @@
-"""Whole shots as a `View`: what acts between impacts shows in them best.
+"""Whole shots as a `FitView`: what acts between impacts shows in them best.
 
 In: clips (`Split`) and a fit of whole shots (`FittedModel`). Out: what they say of candidates.
 
@@ -28,7 +28,7 @@ from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
 from sysid.selection.evidence import MAX_RESIDUAL_SD, compare_fits, counted_as_one, remove_effect
 from sysid.selection.score import Candidate, Linearised, Score, linearise, with_candidate
-from sysid.selection.view import View
+from sysid.selection.view import FitView
 
 TRIAL_STEPS = 3  # iterations of the initial states at each size where a fit may begin
 MAX_TRIAL_SHOTS = 60  # on which every candidate is tried
@@ -41,7 +41,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class WholeShots(View):
+class ByWholeShots(FitView):
     """A fit of whole shots."""
 
     parts: Split
@@ -79,7 +79,7 @@ class WholeShots(View):
 
     @property
     def shots(self) -> tuple[Array, Array]:
-        """See `View`."""
+        """See `FitView`."""
         return self._alone.information, self._alone.gradient
 
     @property
@@ -99,7 +99,7 @@ class WholeShots(View):
         return dataclasses.replace(self, now=fit_candidate(self.parts, now, score))
 
     def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
-        """See `View`; none where residuals are no larger than chance leaves them."""
+        """See `FitView`; none where residuals are no larger than chance leaves them."""
         chance = math.sqrt(2.0 * counted_as_one(self.now) / self.count)
         if self.now.chi2 < 1.0 + NormalDist().inv_cdf(1.0 - error_rate) * chance:
             return []

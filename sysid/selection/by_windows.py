@@ -1,4 +1,4 @@
-"""Windows of one impact each as a `View`: effects judged by how each impact follows from the one before it.
+"""Windows of one impact each as a `FitView`: effects judged by how each impact follows from the one before it.
 
 In: a fit of windows. Out: what they say of candidates.
 
@@ -25,7 +25,7 @@ from sysid.estimation.from_nothing import WindowFit, moved_to, searched
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.score import Candidate, Linearised, Score, Signature
-from sysid.selection.view import View
+from sysid.selection.view import FitView
 
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
 TRIAL_STEPS = 3  # of the states at each of them where a fit may begin
@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Windows(View):
+class ByWindows(FitView):
     """A fit of windows; `base` is one of whole shots, of the same clips."""
 
     at: WindowFit
@@ -63,12 +63,12 @@ class Windows(View):
 
     @cached_property
     def design_effect(self) -> float:
-        """See `View`."""
+        """See `FitView`."""
         return self.at.fitted.design_effect
 
     @property
     def shots(self) -> tuple[Array, Array]:
-        """See `View`."""
+        """See `FitView`."""
         return self.at.fitted.information, self.at.fitted.gradient
 
     def linearised(self, candidates: Sequence[Candidate]) -> Linearised:
@@ -185,10 +185,10 @@ def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:
     )  # fmt: skip
 
 
-def settled(view: Windows) -> Windows:
+def settled(view: ByWindows) -> ByWindows:
     """The fit to its end, from windows searched anew."""
     last = view.at.fitted
-    return Windows(
+    return ByWindows(
         searched(moved_to(view.at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))),
         view.base,
     )

@@ -14,8 +14,8 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.split import Split, in_any_case, split
-from sysid.selection.by_whole_shots import WholeShots
-from sysid.selection.by_windows import Windows
+from sysid.selection.by_whole_shots import ByWholeShots
+from sysid.selection.by_windows import ByWindows
 from sysid.selection.formula import describe
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
 from sysid.selection.next_shot import NextShot, propose_next
@@ -50,12 +50,12 @@ def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) ->
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
     if parts.needs_windows(base):
-        windows = Windows(at, base)
+        windows = ByWindows(at, base)
         seen = next_cause(windows, error_rate=error_rate)
         if seen.view is not windows or (parts.training.is_long and not parts.follows(base)):
             return _diagnosed(parts, base, windows, seen)
         base = in_any_case(parts, base)
-    whole = WholeShots(parts, base)
+    whole = ByWholeShots(parts, base)
     return _diagnosed(parts, base, whole, next_cause(whole, error_rate=error_rate))
 
 

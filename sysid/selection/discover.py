@@ -18,8 +18,8 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
 from sysid.estimation.split import in_any_case, split
-from sysid.selection.by_whole_shots import WholeShots
-from sysid.selection.by_windows import Windows, settled
+from sysid.selection.by_whole_shots import ByWholeShots
+from sysid.selection.by_windows import ByWindows, settled
 from sysid.selection.departures import without_departing
 from sysid.selection.formula import EFFECT_NAME, describe
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
@@ -48,16 +48,16 @@ def discover(
     parts, at, now = fit_from_nothing(parts, model)
     result = DiscoveryResult(parts, (now,), ((),), ())
     show(result)
-    whole = Found(WholeShots(parts, now))
+    whole = Found(ByWholeShots(parts, now))
     if parts.needs_windows(now):
-        windows = Windows(at, now)
+        windows = ByWindows(at, now)
         result, found = _searched(result, Found(windows), error_rate)
         if found.view is not windows:
             windows = settled(found.view)
             now = whole_shots(parts, windows.at)
         if parts.training.is_long and not parts.follows(now):
             return _ended(result, found, windows, lambda view: whole_shots(parts, view.at), now)
-        view = WholeShots(parts, in_any_case(parts, now))
+        view = ByWholeShots(parts, in_any_case(parts, now))
         whole = Found(view, found.verdict, found.formula, found.dropped)
         if found.verdict and found.formula is None:
             result = _with_step(result, found.verdict, view.now, found.dropped)
@@ -68,7 +68,7 @@ def discover(
         if fewer is None:
             return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now)
         result = dataclasses.replace(result, parts=fewer[0], ladder=fewer[1])
-        whole = dataclasses.replace(whole, view=WholeShots(result.parts, result.last))
+        whole = dataclasses.replace(whole, view=ByWholeShots(result.parts, result.last))
         show(result)
 
 

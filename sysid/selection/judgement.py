@@ -1,6 +1,6 @@
 """What speaks for something that a fit has more: its marginal likelihood, against nothing and against chance.
 
-In: a `View` of a fit without it, and of one with it. Out: `Judged`, and the `Threshold` that a cause must pass.
+In: a `FitView` of a fit without it, and of one with it. Out: `Judged`, and the `Threshold` that a cause must pass.
 
 A cause is judged by how much likelier the shots are with it, averaged over what it may be. It must be likelier than
 nothing, which beforehand is as likely as all causes together; likelier than that each shot has a size of its own; and
@@ -23,11 +23,11 @@ from sysid.selection.formula import EFFECT_NAME
 from sysid.selection.free_forms import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.score import Candidate
 from sysid.selection.terms import Shape
-from sysid.selection.view import View
+from sysid.selection.view import FitView
 
 ERROR_RATE = 0.05  # that is left to nothing, or to a cause that each shot has of its own, where a cause is added
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
-V = TypeVar("V", bound=View)  # of windows or of whole shots
+V = TypeVar("V", bound=FitView)  # of windows or of whole shots
 log = logging.getLogger(__name__)
 
 
@@ -123,7 +123,7 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     return Judged(more, tuple(unknowns), odds, alone, seen, holds, occam)
 
 
-def _known(less: View, more: View) -> float:
+def _known(less: FitView, more: FitView) -> float:
     """By how much a second fit agrees better with what is known beside the clips, in log likelihood."""
     return 0.5 * (chi2_of_known(less.point) - chi2_of_known(more.point))
 
@@ -136,11 +136,11 @@ def likelier(one: Judged[V], two: Judged[V]) -> float:
     return gain / better.design_effect + _known(first, second) + two.occam - one.occam
 
 
-def _rows(view: View, unknowns: Sequence[Unknown]) -> Index:
+def _rows(view: FitView, unknowns: Sequence[Unknown]) -> Index:
     return np.array([view.names.index(one.name) for one in unknowns])
 
 
-def _away(view: View, unknowns: Sequence[Unknown]) -> Array:
+def _away(view: FitView, unknowns: Sequence[Unknown]) -> Array:
     """Parameters (k,) as distances from their middles."""
     return np.asarray(view.point.constants[_rows(view, unknowns)] - np.array([one.middle for one in unknowns]))
 
@@ -151,7 +151,7 @@ def _covariances(unknowns: Sequence[Unknown]) -> list[Array]:
     return [np.diag(np.where(sized, size * sd, sd) ** 2) for size in USUAL_SIZES]
 
 
-def occam_of(view: View, unknowns: Sequence[Unknown]) -> float:
+def occam_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
     """What parameters lose by what they might have been, in log likelihood; see `judged`."""
     information = view.told_of(_rows(view, unknowns))[0].sum(axis=0)
     away, odds = _away(view, unknowns), []
@@ -180,7 +180,7 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
     return mean_odds(np.array(shared)) - mean_odds(np.array(own))
 
 
-def size_of(view: View, unknowns: Sequence[Unknown]) -> float:
+def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
     """What parameters are worth by their distance from where they do nothing, in log likelihood."""
     unknowns = [one for one in unknowns if one.sized]
     away = _away(view, unknowns)

@@ -1,6 +1,6 @@
 """What a fit lacks: one cause after another, named or not, as long as each is likelier than chance.
 
-In: a `View` of a fit. Out: views with what it lacks added, and the rounds in which that was found.
+In: a `FitView` of a fit. Out: views with what it lacks added, and the rounds in which that was found.
 
 Named effects, unknown functions and terms are scored beside the fit at once. A cause is added if it is sure but for an
 error rate (judgement.py), first by its score, then by a fit. An unknown function is added as terms that have its shape,
@@ -128,7 +128,7 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
         None if best is None else best[0],
     )  # fmt: skip
     if seen.found[0].log_odds > threshold.sure and (best is None or not best[1].view.leaves_noise):
-        found = explained_by_term(start, less, seen, formula, best and best[1], threshold)
+        found = explained_by_shape(start, less, seen, formula, best and best[1], threshold)
         if found is not None:
             return Round(dataclasses.replace(screening, best=None), *found, threshold)
     return Round(screening, view if best is None else best[1].view, formula, threshold)
@@ -167,7 +167,7 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
     return found
 
 
-def explained_by_term(
+def explained_by_shape(
     view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, threshold: Threshold
 ) -> tuple[V, SparseFormula] | None:
     """A formula with one shape more, if that explains more than an effect, or something where there is none.

@@ -218,6 +218,7 @@ def _which(quantity: str, variable: str, k: int) -> str:
 
 
 def square(quantity: str, variable: str) -> Term:
+    """One that grows with the square of the variable."""
     return _term(quantity, f"{variable}_2", f"{variable}**2", (variable,), 2.0)
 
 
@@ -282,6 +283,7 @@ def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]
 
 
 def size(quantity: str, variable: str) -> Term:
+    """One that grows with the size of the variable, whatever its sign."""
     return _term(quantity, f"{variable}_size", f"abs({variable})", (variable,))
 
 

@@ -1,7 +1,7 @@
 """A fit beside which causes are looked for: of windows of one impact each (by_windows.py), or of whole shots.
 
-In: a fit. Out: a `View` of it: candidates scored beside it, fits with one more or one less, and by how much one fit is
-likelier than another in the shots that were fitted and in those held out.
+In: a fit. Out: a `FitView` of it: candidates scored beside it, fits with one more or one less, and by how much one fit
+is likelier than another in the shots that were fitted and in those held out.
 
 Shots tell less than as many independent residuals where they scatter about a fit by more than their information says:
 by its design effect. So a single shot that departs from all others cannot speak for a cause alone.
@@ -21,7 +21,7 @@ from sysid.estimation.problem import Array, Index
 from sysid.selection.score import Candidate, Linearised, Score, Scores, scores_of
 
 
-class View(ABC):
+class FitView(ABC):
     """A fit, as causes are looked for beside it."""
 
     @property

@@ -102,7 +102,6 @@ class World:
             x, y = x + vx * part + 0.5 * ax * part**2, y + vy * part + 0.5 * ay * part**2
             vx, vy = (vx + ax * part, vy + ay * part) if part < speed / a else (0.0, 0.0)
             wx, wy = -vy / radius, vx / radius
-        whole = seen and STEP_S
         wz = math.copysign(max(abs(wz) - self.spin * whole, 0.0), wz)
         ball[:] = [x, y, vx, vy, wx, wy, wz]
 

@@ -17,7 +17,7 @@ from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import begin
 from sysid.report.result_json import result_of
-from sysid.selection.by_whole_shots import WholeShots
+from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.discover import discover
 from sysid.selection.judgement import Threshold
 from sysid.selection.result import DiscoveryResult
@@ -105,11 +105,11 @@ def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
     )
     parts, base = begin(clip_set, full_model(clip_set.table, clip_set.ball))
 
-    def added(to: WholeShots, name: str) -> WholeShots:
+    def added(to: ByWholeShots, name: str) -> ByWholeShots:
         [score] = [s for s in to.scores(candidates_for(to.model)).rows if s.candidate.name == name]
         return to.with_effect(score)
 
-    both = added(added(WholeShots(parts, base), "side_curve"), "air_drag")
+    both = added(added(ByWholeShots(parts, base), "side_curve"), "air_drag")
     now, verdict, _ = without_needless(both, ("side_curve", "air_drag"), None, Threshold(290, 0.05))
     assert verdict == ("air_drag",)
     assert "air_drag.rate" in now.names and "side_curve.gain" not in now.names

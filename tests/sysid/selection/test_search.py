@@ -14,8 +14,8 @@ from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_whole_shots import WholeShots
-from sysid.selection.by_windows import Windows
+from sysid.selection.by_whole_shots import ByWholeShots
+from sysid.selection.by_windows import ByWindows
 from sysid.selection.formula import SparseFormula, shape_candidates
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
@@ -40,7 +40,7 @@ def drag(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 def test_windows_name_the_hidden_effect_and_not_what_resembles_it(drag: Made) -> None:
     _, at, base = drag
-    windows = Windows(at, base)
+    windows = ByWindows(at, base)
     found = next_cause(windows)
     seen = found.screening
     assert seen.windows == len(at.fitted.states) and seen.best is not None and seen.base is base
@@ -51,7 +51,7 @@ def test_windows_name_the_hidden_effect_and_not_what_resembles_it(drag: Made) ->
 
 def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     _, at, base = drag
-    found = next_cause(Windows(at, base))
+    found = next_cause(ByWindows(at, base))
     row = next(row for row in found.screening.scores.rows if row.candidate.name == "side_curve")
     more = found.view.with_effect(row)
     seen = judged(found.view, more, unknowns_of(row.candidate, more.names))
@@ -68,7 +68,7 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
     clip_set = read_clip_set(tmp_path / "set")
     parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
     _, at, base = fit_from_nothing(parts, model)
-    windows = Windows(at, base)
+    windows = ByWindows(at, base)
     found = next_cause(windows)
     best = found.screening.best
     assert best is not None and best.name == "cushion_restitution_speed"
@@ -85,7 +85,7 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
 
 def test_whole_shots_name_it_as_well(drag: Made) -> None:
     parts, _, base = drag
-    view = WholeShots(parts, fit_on(parts, base, base, "whole shots"))
+    view = ByWholeShots(parts, fit_on(parts, base, base, "whole shots"))
     *_, (found, last) = search(Found(view))
     assert found.verdict == ("speed_drag",) and found.formula is None and last.best is None
 
