@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import models
 import planner
@@ -43,6 +44,29 @@ def test_a_shot_in_three_lines() -> None:
     shot = models.Shot(("white",), np.zeros((1, 2)), np.array([[1.0, 0.0]]), np.zeros((1, 3)), np.linspace(0.0, 0.5, 6))
     track = models.simulate(model, [shot])[0]
     assert 0.5 * 5 / 7 < track.position[-1, 0, 0] < 0.5  # it slides into rolling, and slows a little
+
+
+def test_a_fit_has_blas_on_one_thread_and_leaves_its_user_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it computes must not depend on how many cores there are."""
+    interface = importlib.import_module("sysid.interface")
+    seen = list[set[int]]()
+
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    class Seen(Exception):
+        """Threads were counted."""
+
+    def count(*_: object) -> None:
+        seen.append(threads())
+        raise Seen
+
+    monkeypatch.setattr(interface, "fit_clips", count)
+    clips = sysid.read_clips(EXAMPLE_FOLDER)
+    with threadpool_limits(2, "blas"):
+        with pytest.raises(Seen):
+            sysid.fit(clips)
+        assert seen == [{1}] and threads() == {2}
 
 
 @pytest.mark.slow

@@ -52,8 +52,15 @@ def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
 
 
 def from_jacobian(residuals: Array, jacobian: Array, c: float) -> NormalEquations:
-    """From residuals (n, m) and their derivatives (n, m, k)."""
-    return from_derivatives(residuals, np.moveaxis(jacobian, 2, 0), c)
+    """From residuals (n, m) and their derivatives (n, m, k), which may be by hundreds of unknowns."""
+    n, _, k = jacobian.shape
+    found = NormalEquations(robust_loss(residuals, c), np.empty((n, k, k)), np.empty((n, k)))
+    for one, (r, j) in enumerate(zip(residuals, jacobian, strict=True)):
+        used = np.isfinite(r)
+        root = 1.0 / np.sqrt(1.0 + (r[used] / c) ** 2)
+        rows = np.nan_to_num(j[used]) * root[:, None]
+        found.matrix[one], found.gradient[one] = rows.T @ rows, rows.T @ (root * r[used])
+    return found
 
 
 def from_derivatives(residuals: Array, rows: Array, c: float) -> NormalEquations:
