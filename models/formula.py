@@ -22,7 +22,7 @@ import numpy as np
 from models.compiled import compiled
 from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
 from models.hooks import Layout
-from models.variables import SLIP, SPEED, TIME, WZ, X, Y, variable_value
+from models.variables import SLIP, SPEED, TIME, WZ, X, Y, of_ball, of_image, of_impact
 
 MAX_TERMS = 32
 MAX_CONSTANTS = 4
@@ -91,34 +91,33 @@ class Part:
 
 @compiled
 def factor_value(
-    factor: float, a: float, b: float, c: float, d: float, x: float, y: float, vx: float, vy: float, wz: float,
-    order: float, time: float, first: float, second: float, slip: float, approach: float,
+    factor: float, a: float, b: float, c: float, d: float, v: float, x: float, y: float, heading: float, wz: float,
+    first: float, second: float,
 ) -> float:  # fmt: skip
-    """A factor for a ball, an impact of ball `first` with ball or rail `second`, or an image."""
+    """A factor for a ball, an impact of ball `first` with ball or rail `second`, or an image; v is its variable."""
     if factor == BOX:
         return 1.0 if abs(x - a) <= b and abs(y - c) <= d else 0.0
     if factor == COS:
-        return math.cos(a * math.atan2(vy, vx))
+        return math.cos(a * heading)
     if factor == SIN:
-        return math.sin(a * math.atan2(vy, vx))
-    if VARIABLE <= factor <= HAT:
-        v = variable_value(a, x, y, vx, vy, wz, order, time, first, second, slip, approach)
-        if factor == VARIABLE:
-            return (v - b) ** int(c)
-        if factor == ABOVE:
-            return 1.0 if v > b else 0.0
-        if factor == EQUAL:
-            return 1.0 if v == b else 0.0
-        if factor == DECAY:
-            return math.exp(-v / b)
+        return math.sin(a * heading)
+    if factor == VARIABLE:
+        return (v - b) ** int(c)
+    if factor == ABOVE:
+        return 1.0 if v > b else 0.0
+    if factor == EQUAL:
+        return 1.0 if v == b else 0.0
+    if factor == DECAY:
+        return math.exp(-v / b)
+    if factor == HAT:
         away = (v - b) / c
         return min(max(1.0 - (abs(away) if d == 0.0 else d * away), 0.0), 1.0)
     if factor == TWIST:
         return abs(wz)
     if factor == SPIN_COS:
-        return wz * math.cos(math.atan2(vy, vx))
+        return wz * math.cos(heading)
     if factor == SPIN_SIN:
-        return wz * math.sin(math.atan2(vy, vx))
+        return wz * math.sin(heading)
     if factor == POWER:
         return x ** int(a) * y ** int(b) * (x * x + y * y) ** int(c)
     if factor == ALONG_RAIL:
@@ -231,18 +230,14 @@ def shift(door: float, value: float, image: ImageState) -> None:
 
 @compiled
 def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallState) -> float:
-    return factor_value(
-        factor, a, b, c, d, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.order, ball.time, ball.number,
-        -1.0, math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y), 0.0,
-    )  # fmt: skip
+    v, heading = of_ball(a, ball), math.atan2(ball.vy, ball.vx)
+    return factor_value(factor, a, b, c, d, v, ball.x, ball.y, heading, ball.wz, ball.number, -1.0)
 
 
 @compiled
 def _of_impact(factor: float, a: float, b: float, c: float, d: float, hit: ImpactState) -> float:
-    return factor_value(
-        factor, a, b, c, d, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.order, hit.time, hit.first, hit.second,
-        hit.slip, hit.approach,
-    )  # fmt: skip
+    v, heading = of_impact(a, hit), math.atan2(hit.vy, hit.vx)
+    return factor_value(factor, a, b, c, d, v, hit.x, hit.y, heading, hit.wz, hit.first, hit.second)
 
 
 @dataclass(frozen=True)
@@ -331,17 +326,20 @@ class Formula(Effect):
 
     def observe(self, image: ImageState) -> None:
         """What the camera reports."""
-        x, y = image.x, image.y
+        dx, dy, heading = 0.0, 0.0, math.atan2(image.vy, image.vx)
         for k in range(MAX_TERMS):
             coefficient, door, factor, a, b, c, d = _term(self, k)
             if door == 0.0:
                 break
             if IMAGE_X <= door <= IMAGE_Y:
-                value = factor_value(
-                    factor, a, b, c, d, x, y, image.vx, image.vy, 0.0, image.order, image.time, image.number, -1.0,
-                    0.0, 0.0,
-                )  # fmt: skip
-                shift(door, coefficient * value, image)
+                v = of_image(a, image)
+                value = factor_value(factor, a, b, c, d, v, image.x, image.y, heading, 0.0, image.number, -1.0)
+                if door == IMAGE_X:
+                    dx += coefficient * value
+                else:
+                    dy += coefficient * value
+        image.x += dx
+        image.y += dy
 
 
 @cache

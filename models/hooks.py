@@ -45,7 +45,12 @@ class BallState:
     slip_y: float = 0.0
     time: float = 0.0  # since t = 0 [s]
     launch: float = 0.0  # speed of the struck ball at t = 0; 0 if it was not struck then [m/s]
-    order: float = 0.0  # place of the shot in its session, 0 to 1
+    order: float = 0.0  # place of the shot in its session, 0 to 1; this and what follows as in models/shot.py, Session
+    hour: float = 0.0  # of the day [h]
+    warmth: float = 0.0  # of the room, over 20 degrees Celsius [K]
+    cloth_age: float = 0.0  # play since the cloth was laid [h]
+    table: float = 0.0  # number of the table
+    player: float = 0.0  # number of the player
     rolled: float = 0.0  # turned about the horizontal while rolling, since t = 0 [rad]
     number: float = 0.0  # 0 is the struck ball
     radius: float = 0.0  # [m]
@@ -78,7 +83,12 @@ class ImpactState:
     wz: float = 0.0  # its sidespin [rad/s]
     first: float = 0.0  # number of that ball; 0 is the struck one
     second: float = 0.0  # number of the other ball, or of the rail: 0 +x, 1 -x, 2 +y, 3 -y
-    order: float = 0.0  # place of the shot in its session, 0 to 1
+    order: float = 0.0  # place of the shot in its session, 0 to 1; this and what follows as in models/shot.py, Session
+    hour: float = 0.0  # of the day [h]
+    warmth: float = 0.0  # of the room, over 20 degrees Celsius [K]
+    cloth_age: float = 0.0  # play since the cloth was laid [h]
+    table: float = 0.0  # number of the table
+    player: float = 0.0  # number of the player
     time: float = 0.0  # since t = 0 [s]
     restitution: float = 0.0  # energetic: square root of the work given back over the work done
     friction: float = 0.0  # Coulomb, at a slip that is fast
@@ -114,7 +124,12 @@ class ImageState:
     vx: float = 0.0  # true velocity [m/s]
     vy: float = 0.0
     time: float = 0.0  # [s]
-    order: float = 0.0  # place of the shot in its session, 0 to 1
+    order: float = 0.0  # place of the shot in its session, 0 to 1; this and what follows as in models/shot.py, Session
+    hour: float = 0.0  # of the day [h]
+    warmth: float = 0.0  # of the room, over 20 degrees Celsius [K]
+    cloth_age: float = 0.0  # play since the cloth was laid [h]
+    table: float = 0.0  # number of the table
+    player: float = 0.0  # number of the player
     number: float = 0.0  # 0 is the struck ball
 
 
@@ -137,6 +152,7 @@ def _record(layout: Layout) -> Any:
 
 
 STROKE_FIELDS, IMAGE_FIELDS = len(fields_of(StrokeState)), len(fields_of(ImageState))
+IMAGE_SESSION, IMAGE_NUMBER = (fields_of(ImageState).index(name) for name in ("order", "number"))
 
 
 class HookError(BadInput):

@@ -7,6 +7,7 @@ counter-clockwise from above (right side).
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -80,6 +81,28 @@ class Ball:
 
 
 @dataclass(frozen=True)
+class Session:
+    """When and under what a shot is played; 0 stands for what is not known, or for what is usual."""
+
+    order: float = 0.0  # place among the shots, 0 for the first, 1 for the last
+    hour: float = 0.0  # of the day [h]
+    warmth: float = 0.0  # of the room, over USUAL_TEMPERATURE [K]
+    cloth_age: float = 0.0  # play since the cloth was laid [h]
+    table: float = 0.0  # its number, of several of one kind
+    player: float = 0.0  # his number
+
+    @property
+    def row(self) -> Array:
+        """As compiled code has it: (SESSION_FIELDS,)."""
+        return np.array(dataclasses.astuple(self), float)
+
+
+USUAL_TEMPERATURE = 20.0  # of a room [degrees Celsius]
+SESSION_FIELDS = len(dataclasses.fields(Session))
+UNKNOWN_SESSION = Session()
+
+
+@dataclass(frozen=True)
 class Shot:
     """The state of every ball at t = 0, and the times at which the track is wanted.
 
@@ -93,7 +116,7 @@ class Shot:
     times: Array  # (n,) [s], increasing, from 0
     max_step: float = float("inf")  # longest simulation step; constant forces need no limit [s]
     impact_step: float = 1e-4  # step while native contacts act [s]
-    order: float = 0.0  # place in its session, 0 for the first shot, 1 for the last
+    session: Session = UNKNOWN_SESSION
     struck: bool = True  # whether the first ball was struck at t = 0; otherwise it was on its way
     staying: tuple[str, ...] = ()  # balls that are known to be on the table after: no pocket takes them
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from models.compiled import compiled
 from models.effect import BallState, ImageState, ImpactState
 
+SESSION_VARIABLES: Final = ("order", "hour", "warmth", "cloth_age", "table", "player")
 VARIABLES: Final = (
-    "none", "x", "y", "heading", "speed", "slip", "wz", "time", "order", "number", "rail", "along", "grazing",
-    "approach",
+    "none", "x", "y", "heading", "speed", "slip", "wz", "time", "number", "rail", "along", "grazing", "approach",
+    *SESSION_VARIABLES,
 )  # fmt: skip
-NONE, X, Y, HEADING, SPEED, SLIP, WZ, TIME, ORDER, NUMBER, RAIL, ALONG, GRAZING, APPROACH = range(len(VARIABLES))
+(
+    NONE, X, Y, HEADING, SPEED, SLIP, WZ, TIME, NUMBER, RAIL, ALONG, GRAZING, APPROACH,
+    ORDER, HOUR, WARMTH, CLOTH_AGE, TABLE, PLAYER,
+) = range(len(VARIABLES))  # fmt: skip
 
 
 @compiled
@@ -23,59 +27,64 @@ def grazing_sine(vx: float, vy: float, approach: float) -> float:
 
 
 @compiled
-def variable_value(
-    variable: float, x: float, y: float, vx: float, vy: float, wz: float, order: float, time: float, first: float,
-    second: float, slip: float, approach: float,
-) -> float:  # fmt: skip
-    """A variable for a ball, or an impact of ball `first` with ball or rail `second`; 0 for what is not known there."""
+def of_motion(variable: float, state: Any) -> float:
+    """A variable of place, way, time or session, which every state has; 0 for another one."""
     if variable == X:
-        return x
+        return state.x
     if variable == Y:
-        return y
+        return state.y
     if variable == HEADING:
-        return math.atan2(vy, vx)
+        return math.atan2(state.vy, state.vx)
     if variable == SPEED:
-        return math.sqrt(vx * vx + vy * vy)
-    if variable == SLIP:
-        return slip
-    if variable == WZ:
-        return wz
+        return math.sqrt(state.vx * state.vx + state.vy * state.vy)
     if variable == TIME:
-        return time
+        return state.time
     if variable == ORDER:
-        return order
-    if variable == NUMBER:
-        return first
-    if variable == RAIL:
-        return second
-    if variable == ALONG:
-        return y if second < 2.0 else x
-    if variable == GRAZING:
-        return grazing_sine(vx, vy, approach)
-    return approach if variable == APPROACH else 0.0
+        return state.order
+    if variable == HOUR:
+        return state.hour
+    if variable == WARMTH:
+        return state.warmth
+    if variable == CLOTH_AGE:
+        return state.cloth_age
+    if variable == TABLE:
+        return state.table
+    return state.player if variable == PLAYER else 0.0
 
 
 @compiled
 def of_ball(variable: float, ball: BallState) -> float:
-    """A variable for a ball on the cloth."""
-    slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
-    return variable_value(
-        variable, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.order, ball.time, ball.number, -1.0, slip, 0.0
-    )
+    """A variable for a ball on the cloth; 0 for one that it does not have."""
+    if variable == SLIP:
+        return math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
+    if variable == WZ:
+        return ball.wz
+    if variable == NUMBER:
+        return ball.number
+    return of_motion(variable, ball)
 
 
 @compiled
 def of_impact(variable: float, hit: ImpactState) -> float:
     """A variable for a contact."""
-    return variable_value(
-        variable, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.order, hit.time, hit.first, hit.second, hit.slip,
-        hit.approach,
-    )  # fmt: skip
+    if variable == SLIP:
+        return hit.slip
+    if variable == WZ:
+        return hit.wz
+    if variable == NUMBER:
+        return hit.first
+    if variable == RAIL:
+        return hit.second
+    if variable == ALONG:
+        return hit.y if hit.second < 2.0 else hit.x
+    if variable == GRAZING:
+        return grazing_sine(hit.vx, hit.vy, hit.approach)
+    if variable == APPROACH:
+        return hit.approach
+    return of_motion(variable, hit)
 
 
 @compiled
 def of_image(variable: float, image: ImageState) -> float:
     """A variable for a ball in a picture."""
-    return variable_value(
-        variable, image.x, image.y, image.vx, image.vy, 0.0, image.order, image.time, image.number, -1.0, 0.0, 0.0
-    )
+    return image.number if variable == NUMBER else of_motion(variable, image)

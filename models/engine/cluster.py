@@ -212,7 +212,7 @@ def _note(log, who, logged, count, now, what, i, other):  # type: ignore[no-unty
 @compiled
 def through(  # type: ignore[no-untyped-def]
     b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths, jaws,
-    order, hit, table, times, begin, out, log, who, logged, count,
+    session, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
 
@@ -227,14 +227,14 @@ def through(  # type: ignore[no-untyped-def]
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
         work, b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
-        mouths, jaws, order, hit, table, times, begin, out, log, who, logged, count,
+        mouths, jaws, session, hit, table, times, begin, out, log, who, logged, count,
     )  # fmt: skip
 
 
 @compiled_in_place
 def _through(  # type: ignore[no-untyped-def]
     arrays, b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
-    mouths, jaws, order, hit, table, times, begin, out, log, who, logged, count,
+    mouths, jaws, session, hit, table, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     n = b.shape[0]
     (first, second, near), (damping, mu, peak, given), known, heavier, dv, work = arrays
@@ -283,7 +283,17 @@ def _through(  # type: ignore[no-untyped-def]
             if approach > max(peak[c], MIN_IMPACT_SPEED):
                 peak[c] = approach
                 describe(
-                    hit, cushion, i, -1 - j if cushion else j, b[i], b[i if cushion else j], nx, ny, radius, order, now
+                    hit,
+                    cushion,
+                    i,
+                    -1 - j if cushion else j,
+                    b[i],
+                    b[i if cushion else j],
+                    nx,
+                    ny,
+                    radius,
+                    session,
+                    now,
                 )
                 ask(hit, hit.ctypes.data, own, impact)
                 damping[c] = damping_of(cushion, hit[rec.RESTITUTION], table)

@@ -34,7 +34,7 @@ from models.hooks import (
     call_hook,
     call_horizon,
 )
-from models.shot import GRAVITY
+from models.shot import GRAVITY, SESSION_FIELDS
 
 STEP_TOLERANCE_M = 3e-7  # of a step, as an error of position at the end of the roll [m]
 MIN_DECELERATION = 0.1  # that a rolling ball slows down by, or less on a faster cloth: how long an error lasts [m/s^2]
@@ -351,6 +351,8 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
 
 
 @compiled_in_place
-def lay_record(r, number, launch, order, radius, mass):  # type: ignore[no-untyped-def]
+def lay_record(r, number, launch, session, radius, mass):  # type: ignore[no-untyped-def]
     """What of a ball's record does not change along its way."""
-    r[rec.NUMBER], r[rec.LAUNCH], r[rec.ORDER], r[rec.RADIUS], r[rec.MASS] = number, launch, order, radius, mass
+    r[rec.NUMBER], r[rec.LAUNCH], r[rec.RADIUS], r[rec.MASS] = number, launch, radius, mass
+    for k in range(SESSION_FIELDS):
+        r[rec.SESSION + k] = session[k]

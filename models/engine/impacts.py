@@ -13,7 +13,7 @@ from models.analytic.pocket import JAW_RAILS, is_facing, outward
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
 from models.hooks import STROKE_FIELDS, Table, call_hook
-from models.shot import NOSE_COSINE, NOSE_SINE, Array
+from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, Array
 
 CLIMB_FRICTION = (
     0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
@@ -23,7 +23,7 @@ RAIL_OF_JAW = np.array(JAW_RAILS)
 
 
 @compiled_in_place
-def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: ignore[no-untyped-def]
+def describe(h, cushion, i, j, one, two, nx, ny, radius, session, time):  # type: ignore[no-untyped-def]
     """Fill the record h of an impact (ImpactState) of ball i with ball j, or with rail or jaw j.
 
     `one`, `two`: their x, y, vx, vy, wx, wy, wz; the second is not read at a cushion. (nx, ny) points from the first
@@ -43,7 +43,9 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, order, time):  # type: 
     h[rec.HIT_X], h[rec.HIT_Y], h[rec.HIT_VX], h[rec.HIT_VY] = one[0], one[1], one[2], one[3]
     h[rec.HIT_WZ] = one[6]
     h[rec.FIRST], h[rec.SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
-    h[rec.HIT_ORDER], h[rec.HIT_TIME] = order, time
+    h[rec.HIT_TIME] = time
+    for k in range(SESSION_FIELDS):
+        h[rec.HIT_SESSION + k] = session[k]
     h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
     h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
     h[rec.NOSE] = NOSE_SINE
@@ -69,11 +71,12 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
 @compiled
 def ask_rows(
     cushion: bool, p: Array, v: Array, w: Array, first: NDArray[np.int64], second: NDArray[np.int64], jaws: Array,
-    radius: float, order: Array, time: Array, own: Array, rows: NDArray[np.int64], hooks: Table, out: Array,
+    radius: float, session: Array, time: Array, own: Array, rows: NDArray[np.int64], hooks: Table, out: Array,
 ) -> None:  # fmt: skip
     """Impacts of one kind, a row each, as the effects say: `out` (n, IMPACT_FIELDS).
 
-    p, v, w (n, nball, 3); ball `first` with ball, rail (+x, -x, +y, -y) or 4 + jaw `second`; `order`, `time` (n,);
+    p, v, w (n, nball, 3); ball `first` with ball, rail (+x, -x, +y, -y) or 4 + jaw `second`; `session`
+    (n, SESSION_FIELDS), `time` (n,);
     `own` (nsim, k) are the effects' parameters, of which each impact has those of simulation `rows` (n,).
     """
     one, two = np.zeros(7), np.zeros(7)
@@ -87,7 +90,7 @@ def ask_rows(
             nx, ny = two[0] - one[0], two[1] - one[1]
             d = math.sqrt(nx * nx + ny * ny)
             nx, ny = nx / d, ny / d
-        describe(out[n], cushion, i, j, one, two, nx, ny, radius, order[n], time[n])
+        describe(out[n], cushion, i, j, one, two, nx, ny, radius, session[n], time[n])
         ask(out[n], out[n].ctypes.data, own[rows[n]].ctypes.data, hooks)
 
 

@@ -88,11 +88,11 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
 
 
 @compiled_within
-def _lay_balls(balls, notes, start, launch, order, mass, radius):  # type: ignore[no-untyped-def]
+def _lay_balls(balls, notes, start, launch, session, mass, radius):  # type: ignore[no-untyped-def]
     """Balls as they begin, all to be worked out; one without a place is potted."""
     (b, _, records), (kind, _, leans, quiet, still, (todo, _, held)) = balls, notes
     for i in range(b.shape[0]):
-        lay_record(records[i], i, launch, order, radius, mass)
+        lay_record(records[i], i, launch, session, radius, mass)
         for x in range(col.COLUMN_COUNT):
             b[i, x] = start[i, x] if x < ROW_SIZE else 0.0
         kind[i], todo[i], leans[i], quiet[i] = REST, True, -np.inf, -np.inf
@@ -146,13 +146,15 @@ def _after_impact(  # type: ignore[no-untyped-def]
 
 @compiled_within
 def _settle_pressed(  # type: ignore[no-untyped-def]
-    balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now
+    balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now
 ):  # fmt: skip
     """Carry all through at once that press on each other; they lean from now on."""
     (b, m, _), (kind, _, leans, quiet, still, (todo, touched, _)) = balls, notes
     for q in range(b.shape[0]):
         advance(b[q], m[q], kind[q], now, radius, cloth[2])
-    settle(b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now)
+    settle(
+        b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now
+    )
     for q in range(b.shape[0]):
         if touched[q]:
             todo[q], b[q, col.TRY], quiet[q] = True, 0.0, np.inf
@@ -194,8 +196,8 @@ def _hand_back(balls, kind, now, radius, alpha, start, potted):  # type: ignore[
 
 @compiled_in_place
 def play_shot(  # type: ignore[no-untyped-def]
-    work, start, stays, launch, order, own, forces, support, horizon, impact, cloth, mass, radius, limits, half, mouths,
-    jaws, falls, table, clusters, until, most, times, out, log, who, count, potted,
+    work, start, stays, launch, session, own, forces, support, horizon, impact, cloth, mass, radius, limits, half,
+    mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, potted,
 ):  # fmt: skip
     """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
 
@@ -205,7 +207,7 @@ def play_shot(  # type: ignore[no-untyped-def]
     balls, notes, pairs, (state, hit, keep, y, k) = work
     (b, m, records), (kind, what, leans, _, still, (todo, _, _)), (pair, again) = balls, notes, pairs
     alpha, curved = cloth[2], forces.shape[0] > 0
-    _lay_balls(balls, notes, start, launch, order, mass, radius)
+    _lay_balls(balls, notes, start, launch, session, mass, radius)
     # Counters begin as numbers that the compiler does not know: it would compile what they go into for each literal.
     zero = 0 * start.shape[0]
     next_, logged, now, ended = zero, zero, 0.0, np.nan
@@ -241,12 +243,12 @@ def play_shot(  # type: ignore[no-untyped-def]
                 count[SWITCH] += 1
                 now, next_, logged = through(
                     b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits,
-                    half, mouths, jaws, order, hit, table, times, next_, out, log, who, logged, count,
+                    half, mouths, jaws, session, hit, table, times, next_, out, log, who, logged, count,
                 )  # fmt: skip
                 _after_crowd(b, notes, now, radius)
                 continue
             known = leans[i] > now or (j >= 0 and leans[j] > now)
-            slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now)
+            slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, session, now)
             if not slow:
                 delay_rebound(b[i], b[i, col.VX :], rail, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)
             _after_impact(balls, notes, i, j, rail, speed, slow, now, jaws, limits, radius, alpha)
@@ -259,7 +261,23 @@ def play_shot(  # type: ignore[no-untyped-def]
             lean(i, now, leans, still)
         if pressed:
             _settle_pressed(
-                balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now
+                balls,
+                notes,
+                i,
+                j,
+                jaws,
+                state,
+                hit,
+                own,
+                impact,
+                cloth,
+                mass,
+                radius,
+                limits,
+                half,
+                mouths,
+                session,
+                now,
             )
         count[event] += 1
         if event == POCKET:
@@ -279,7 +297,7 @@ def play_shot(  # type: ignore[no-untyped-def]
 
 @compiled
 def play_rows(  # type: ignore[no-untyped-def]
-    first, last, start, stays, struck, order, own, forces, support, horizon, impact, strike, cloth, mass, radius,
+    first, last, start, stays, struck, session, own, forces, support, horizon, impact, strike, cloth, mass, radius,
     limits, half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
     """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8).
@@ -294,7 +312,7 @@ def play_rows(  # type: ignore[no-untyped-def]
             b = start[s, 0]
             launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius[s], mass, cue)
         end[s] = play_shot(
-            work, start[s], stays[s], launch, order[s], at, forces, support, horizon, impact, cloth[s], mass, radius[s],
-            limits[s], half[s], mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s], log[s], who[s],
-            count[s], potted[s],
+            work, start[s], stays[s], launch, session[s], at, forces, support, horizon, impact, cloth[s], mass,
+            radius[s], limits[s], half[s], mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s],
+            log[s], who[s], count[s], potted[s],
         )  # fmt: skip

@@ -195,7 +195,7 @@ class Result:
 
 
 def run(
-    game: Game, start: Array, stays: NDArray[np.bool_], struck: NDArray[np.bool_], order: Array, until: Array,
+    game: Game, start: Array, stays: NDArray[np.bool_], struck: NDArray[np.bool_], session: Array, until: Array,
     times: Array, events: int, threads: int, most: int, clusters: bool,
 ) -> tuple[Result, Array]:  # fmt: skip
     """Play laid-out shots from `start` (n, nball, 8), which is left as they end; samples (n, m, nball, 8)."""
@@ -207,7 +207,7 @@ def run(
     def part(first: int, last: int) -> None:
         out[first:last] = np.nan
         play_rows(
-            first, last, start, stays, struck, order, hooks.own, hooks.forces, hooks.support, hooks.horizon,
+            first, last, start, stays, struck, session, hooks.own, hooks.forces, hooks.support, hooks.horizon,
             hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends,
             pockets.jaws, pockets.falls, table, clusters, until, most, times, out, log, who, count, end, potted,
         )  # fmt: skip
@@ -275,11 +275,13 @@ def play(
         for k, shot in enumerate(some):
             times[k, : len(shot.times)] = shot.times
         stays = np.array([[name in s.staying for name in s.names] for s in some])
-        struck, order = np.array([s.struck for s in some]), np.array([s.order for s in some], float)
+        struck, session = np.array([s.struck for s in some]), np.array([s.session.row for s in some])
         end = np.array([s.times[-1] if len(s.times) else 0.0 for s in some])
         room = LOG_ROOM
         while True:
-            result, out = run(game, start.copy(), stays, struck, order, end, times, room, threads, MAX_EVENTS, clusters)
+            result, out = run(
+                game, start.copy(), stays, struck, session, end, times, room, threads, MAX_EVENTS, clusters
+            )
             most = int(result.counts[:, :3].sum(axis=1).max(initial=0))
             if most <= room:
                 break

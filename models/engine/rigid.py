@@ -31,18 +31,18 @@ PARTED_M = 1e-7  # overlap that is left between them, which putting one back may
 
 
 @compiled_in_place
-def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, order, now):  # type: ignore[no-untyped-def]
+def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, session, now):  # type: ignore[no-untyped-def]
     """Carry two balls, or one and a cushion (j < 0), through their impact by its impulse; returns whether they lean."""
     if j < 0:
         bx, by = outward(rail, b[i, col.X], b[i, col.Y], jaws)
         ax, ay = by, -bx
-        describe(hit, True, i, rail, b[i], b[i], bx, by, radius, order, now)
+        describe(hit, True, i, rail, b[i], b[i], bx, by, radius, session, now)
     else:
         ax, ay = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
         d = math.sqrt(ax * ax + ay * ay)
         ax, ay = ax / d, ay / d
         bx, by = -ay, ax
-        describe(hit, False, i, j, b[i], b[j], ax, ay, radius, order, now)
+        describe(hit, False, i, j, b[i], b[j], ax, ay, radius, session, now)
     ask(hit, hit.ctypes.data, own, impact)
     slow = hit[rec.APPROACH] < (LEAN_SPEED if leans else DEAD_SPEED)
     for n in range(1 if j < 0 else 2):
@@ -75,7 +75,7 @@ def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def _sweep(  # type: ignore[no-untyped-def]
-    b, kind, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now,
+    b, kind, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now,
 ):  # fmt: skip
     """Carry what closes slowly on a `touched` ball through an impact, one after the other; the fastest [m/s]."""
     most, none, touch = 0.0, -1 + 0 * b.shape[0], 2.0 * radius + CROWD_GAP_M
@@ -90,7 +90,7 @@ def _sweep(  # type: ignore[no-untyped-def]
                 continue
             speed = approach_speed(b, q, p, none, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
-                collide_alone(b, q, p, none, jaws, state, hit, True, own, impact, cloth, mass, radius, order, now)
+                collide_alone(b, q, p, none, jaws, state, hit, True, own, impact, cloth, mass, radius, session, now)
                 touched[p] = touched[q] = True
                 most = max(most, speed)
         if not touched[p]:
@@ -100,7 +100,7 @@ def _sweep(  # type: ignore[no-untyped-def]
                 continue
             speed = approach_speed(b, p, none, rail, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
-                collide_alone(b, p, none, rail, jaws, state, hit, True, own, impact, cloth, mass, radius, order, now)
+                collide_alone(b, p, none, rail, jaws, state, hit, True, own, impact, cloth, mass, radius, session, now)
                 most = max(most, speed)
     return max(most, _roll(b, touched, cloth, radius))
 
@@ -164,7 +164,7 @@ def part_all(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ign
 
 @compiled_in_place
 def settle(  # type: ignore[no-untyped-def]
-    b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now,
+    b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now,
 ):  # fmt: skip
     """Let nothing close that presses on ball i or j (j < 0: a cushion), or on what they press on: fills `touched` (n,).
 
@@ -174,7 +174,7 @@ def settle(  # type: ignore[no-untyped-def]
         touched[q] = q in (i, j)
     for _ in range(MAX_SWEEPS):
         most = _sweep(
-            b, kind, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, order, now
+            b, kind, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now
         )
         if most == 0.0:
             break

@@ -27,13 +27,15 @@ from models.engine.motion import POTTED, REST, advance, arrive, plain_phase, pot
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH, meet_balls, meet_table
+from models.shot import SESSION_FIELDS
 
 PARKED_DEPTH = 1.0  # of potted balls below the slate [m], under the floor of a furnished table
 MAX_STEP_EVENTS = 10_000  # events within a step, beyond which it is given up
 NO_TIME_S = 1e-12  # rest of a step that is none [s]
-# The row begins with when the kept state is of, when the strike was [s], the launch speed [m/s], the shot's order, when
-# MuJoCo's state was written [s], and whether it was.
-STATE_TIME, STRUCK_AT, LAUNCH, ORDER, WRITTEN_AT, WRITTEN, HEAD = 0, 1, 2, 3, 4, 5, 6
+# The row begins with when the kept state is of, when the strike was [s], the launch speed [m/s], when MuJoCo's state
+# was written [s], whether it was, and the shot's session.
+STATE_TIME, STRUCK_AT, LAUNCH, WRITTEN_AT, WRITTEN, SESSION = 0, 1, 2, 3, 4, 5
+HEAD = SESSION + SESSION_FIELDS
 # Then come the balls: the state of each as the engine has it (models/engine/motion.py, X to ROLLED), its orientation,
 # until when it is known to lean, whether it is in play, and whether it came past a nose line within a mouth: then it is
 # the pocket's, wherever it is when it comes to where it falls.
@@ -215,12 +217,13 @@ def play_step(  # type: ignore[no-untyped-def]
     state, hit, records = np.zeros(10), np.zeros(rec.IMPACT_FIELDS), np.zeros((n, rec.BALL_FIELDS))
     y, k = np.zeros(col.STATE_SIZE), np.zeros((7, col.STATE_SIZE))
     now, until = kept[STATE_TIME] - kept[STRUCK_AT], end - kept[STRUCK_AT]  # the effects count from the strike
-    order, orientation, leans = kept[ORDER], balls[:, QUATERNION : QUATERNION + 4].copy(), balls[:, LEANING].copy()
+    session, leans = kept[SESSION:HEAD], balls[:, LEANING].copy()
+    orientation = balls[:, QUATERNION : QUATERNION + 4].copy()
     entered, wide = balls[:, ENTERED], mouths.copy()
     if falls.shape[0] == 0:  # without jaws
         wide[:2] = np.inf
     for i in range(n):
-        lay_record(records[i], i, kept[LAUNCH], order, radius, mass)
+        lay_record(records[i], i, kept[LAUNCH], session, radius, mass)
         b[i, : col.ROLLED + 1], b[i, col.CLOCK] = balls[i, : col.ROLLED + 1], now
         kind[i] = REST if balls[i, IN_PLAY] > 0.0 else POTTED
     moved, stays = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
@@ -266,8 +269,8 @@ def play_step(  # type: ignore[no-untyped-def]
                 seen, wanted, before, kinds = np.zeros((1, n, 8)), np.full(1, until), b.copy(), kind.copy()
                 now, got, _ = through(
                     b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits,
-                    half, mouths, jaws, order, hit, table, wanted, 0, seen, np.zeros(0), np.zeros((0, 3), np.int64), 0,
-                    np.zeros(4, np.int64),
+                    half, mouths, jaws, session, hit, table, wanted, 0, seen, np.zeros(0), np.zeros((0, 3), np.int64),
+                    0, np.zeros(4, np.int64),
                 )  # fmt: skip
                 if got:  # the step ends within the cluster: its beginning is kept
                     _keep(balls, before, kinds, orientation, leans)
@@ -286,14 +289,16 @@ def play_step(  # type: ignore[no-untyped-def]
                 _fell(balls, kinds, kind)
                 continue
             known = now < leans[one] <= now + LEAN_MEMORY_S or (two >= 0 and now < leans[two] <= now + LEAN_MEMORY_S)
-            if collide_alone(b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, order, now):
+            if collide_alone(
+                b, one, two, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, session, now
+            ):
                 leans[one] = now + LEAN_MEMORY_S
                 if two >= 0:
                     leans[two] = now + LEAN_MEMORY_S
                 part(b, one, two, rail, jaws, radius, limits)
                 settle(
                     b, kind, one, two, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half,
-                    mouths, order, now,
+                    mouths, session, now,
                 )  # fmt: skip
             else:
                 delay_rebound(b[one], b[one, col.VX :], rail, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)

@@ -23,7 +23,7 @@ from models.compiled import compiled
 from models.effect import STILL as NO_ROLL
 from models.engine.curve import push
 from models.hooks import Hooks, call_horizon
-from models.shot import GRAVITY, Array, Ball
+from models.shot import GRAVITY, SESSION_FIELDS, Array, Ball
 
 MIN_STOP_STEP_S = 1e-3  # shortest step towards a stop under a push from the side [s]
 
@@ -40,7 +40,7 @@ class Balls:
     rolled: Array  # (n, nball) [rad], turned about the horizontal while rolling, since t = 0
     time: Array  # (n,) [s], since t = 0
     launch: Array  # (n,) [m/s], speed of the struck ball, which is number 0, at t = 0; 0 if it was not struck then
-    order: Array  # (n,), place of the shot in its session, 0 to 1
+    session: Array  # (n, SESSION_FIELDS)
     rows: NDArray[np.int64]  # (n,) of the simulations among all, to find their parameters
     acceleration: Array = field(default_factory=lambda: np.zeros(0))  # (n, nball, 3) [m/s^2]
     turning: Array = field(default_factory=lambda: np.zeros(0))  # (n, nball, 3) [rad/s^2]
@@ -54,7 +54,7 @@ class Balls:
         self.acceleration, self.turning = np.zeros_like(self.position), np.zeros_like(self.position)
         self.rolling, span = np.zeros(self.alive.shape, bool), np.full(len(self.rows), np.inf)
         act_rows(
-            self.position, self.velocity, self.spin, self.alive, self.rolled, self.time, self.launch, self.order,
+            self.position, self.velocity, self.spin, self.alive, self.rolled, self.time, self.launch, self.session,
             self.ball.radius, self.ball.mass, hooks.own, self.rows, hooks.forces, hooks.support, hooks.horizon, cloth,
             self.acceleration, self.turning, self.rolling, span,
         )  # fmt: skip
@@ -63,8 +63,8 @@ class Balls:
 
 @compiled
 def act_rows(  # type: ignore[no-untyped-def]
-    p, v, w, alive, rolled, time, launch, order, radius, mass, own, rows, forces, support, horizon, cloth, acceleration,
-    turning, rolling, span,
+    p, v, w, alive, rolled, time, launch, session, radius, mass, own, rows, forces, support, horizon, cloth,
+    acceleration, turning, rolling, span,
 ):  # fmt: skip
     """See `Balls.act`."""
     r = np.zeros(rec.BALL_FIELDS)
@@ -78,13 +78,8 @@ def act_rows(  # type: ignore[no-untyped-def]
             r[rec.WX], r[rec.WY], r[rec.WZ] = w[s, i, 0], w[s, i, 1], w[s, i, 2]
             ux, uy = r[rec.VX] - radius * r[rec.WY], r[rec.VY] + radius * r[rec.WX]
             u, speed = math.sqrt(ux * ux + uy * uy), math.sqrt(r[rec.VX] * r[rec.VX] + r[rec.VY] * r[rec.VY])
-            r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.TIME], r[rec.LAUNCH], r[rec.ORDER] = (
-                ux,
-                uy,
-                time[s],
-                launch[s],
-                order[s],
-            )
+            r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.TIME], r[rec.LAUNCH] = ux, uy, time[s], launch[s]
+            r[rec.SESSION : rec.SESSION + SESSION_FIELDS] = session[s]
             r[rec.ROLLED], r[rec.NUMBER], r[rec.RADIUS], r[rec.MASS] = rolled[s, i], i, radius, mass
             r[rec.ROLLING] = 1.0 if u < NO_ROLL and speed > NO_ROLL else 0.0
             push(r, at, parameters, forces, support)

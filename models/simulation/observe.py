@@ -14,9 +14,17 @@ import numpy as np
 from models.compiled import compiled
 from models.effect import Effect
 from models.errors import BadInput
-from models.hooks import IMAGE_FIELDS, Hooks, call_exposures, call_hook, hooks_of
+from models.hooks import (
+    IMAGE_FIELDS,
+    IMAGE_NUMBER,
+    IMAGE_SESSION,
+    Hooks,
+    call_exposures,
+    call_hook,
+    hooks_of,
+)
 from models.model_file import Model
-from models.shot import Array, Shot, Track
+from models.shot import SESSION_FIELDS, Array, Shot, Track
 from models.simulation.simulate import simulate
 
 PLACE_TOLERANCE_M = 1e-13  # change of a place that is looked for, below which it is found [m]
@@ -72,31 +80,31 @@ def expose(stamps, own, hooks):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def see(position, velocity, times, order, own, hooks):  # type: ignore[no-untyped-def]
-    """Move positions (n, nball, 2) of a shot, at its place in the session, to where they are reported, in place."""
+def see(position, velocity, times, session, own, hooks):  # type: ignore[no-untyped-def]
+    """Move positions (n, nball, 2) of a shot, in its session, to where they are reported, in place."""
     image = np.zeros(IMAGE_FIELDS)
-    image[5] = order
+    image[IMAGE_SESSION : IMAGE_SESSION + SESSION_FIELDS] = session
     for n in range(position.shape[0]):
         for i in range(position.shape[1]):
             image[0], image[1], image[4] = position[n, i, 0], position[n, i, 1], times[n]
-            image[2], image[3], image[6] = velocity[n, i, 0], velocity[n, i, 1], i
+            image[2], image[3], image[IMAGE_NUMBER] = velocity[n, i, 0], velocity[n, i, 1], i
             for k in range(hooks.shape[0]):
                 call_hook(hooks[k, 0], own + 8 * hooks[k, 1], image.ctypes.data)
             position[n, i, 0], position[n, i, 1] = image[0], image[1]
 
 
 @compiled
-def unsee(reported, order, own, hooks, place):  # type: ignore[no-untyped-def]
+def unsee(reported, session, own, hooks, place):  # type: ignore[no-untyped-def]
     """Where balls 1 to n at rest lie that are reported at (n, 2) [m]: the fixed point of x - (observe(x) - reported).
 
     Where no place is reported so (a lens so strong that it folds the table's corners), the reported one.
     """
     image = np.zeros(IMAGE_FIELDS)
-    image[5] = order
+    image[IMAGE_SESSION : IMAGE_SESSION + SESSION_FIELDS] = session
     for i in range(reported.shape[0]):
         x, y = reported[i, 0], reported[i, 1]
         for _ in range(MAX_ROUNDS):
-            image[0], image[1], image[2], image[3], image[4], image[6] = x, y, 0.0, 0.0, 0.0, i + 1.0
+            image[0], image[1], image[2], image[3], image[4], image[IMAGE_NUMBER] = x, y, 0.0, 0.0, 0.0, i + 1.0
             for k in range(hooks.shape[0]):
                 call_hook(hooks[k, 0], own + 8 * hooks[k, 1], image.ctypes.data)
             dx, dy = image[0] - reported[i, 0], image[1] - reported[i, 1]
@@ -119,7 +127,7 @@ def undone(model: Model, shots: Sequence[Shot]) -> list[Shot]:
     out = []
     for k, shot in enumerate(shots):
         place = np.array(shot.position, float)
-        unsee(place[1:].copy(), shot.order, hooks.own[k].ctypes.data, hooks.observe, place[1:])
+        unsee(place[1:].copy(), shot.session.row, hooks.own[k].ctypes.data, hooks.observe, place[1:])
         out.append(dataclasses.replace(shot, position=place))
     return out
 
@@ -135,7 +143,8 @@ def _checked(eyes: Sequence[Effect], times: Array) -> Array:
 def _report(hooks: Hooks, number: int, track: Track, true: Array, shot: Shot) -> Track:
     """A track as the camera reports it; `true` are its times on the camera's own axis, those of the shot are stamps."""
     position = np.array(track.position)
-    see(position, np.ascontiguousarray(track.velocity), true, shot.order, hooks.own[number].ctypes.data, hooks.observe)
+    velocity, own = np.ascontiguousarray(track.velocity), hooks.own[number].ctypes.data
+    see(position, velocity, true, shot.session.row, own, hooks.observe)
     when = np.interp([e.time for e in track.events], np.append(0.0, track.times), np.append(0.0, shot.times))
     events = tuple(dataclasses.replace(e, time=float(t)) for e, t in zip(track.events, when, strict=True))
     return dataclasses.replace(track, times=shot.times, position=position, events=events)

@@ -108,7 +108,7 @@ class Rollout:
         self.qvel[:] = 0
         self.qvel[..., :2] = velocity
         self.qvel[..., 3:] = spin
-        self.order = np.array([s.order for s in self.shots], float)
+        self.session = np.array([s.session.row for s in self.shots])
         self.launch = np.hypot(velocity[:, 0, 0], velocity[:, 0, 1]) * struck
         self.count = np.array([len(s.times) for s in self.shots])
         self.times = np.full((len(self.shots), max(self.count.max(), 1)), np.inf)
@@ -144,7 +144,7 @@ class Rollout:
         w = spin_to_world(self.qpos[rows, :, 3:], self.qvel[rows, :, 3:], False)
         return Balls(
             self.model.ball, p, v, w, self.alive[rows], self.rolled[rows], self.clock[rows], self.launch[rows],
-            self.order[rows], rows,
+            self.session[rows], rows,
         )  # fmt: skip
 
     def _step(self, rows: NDArray[np.int64]) -> None:
@@ -284,7 +284,7 @@ class Rollout:
         """Impacts, one row each, as the effects say: (n, IMPACT_FIELDS)."""
         out = np.zeros((rows.size, rec.IMPACT_FIELDS))
         ask_rows(
-            kind == "cushion", p, v, w, i, j, self.pockets.jaws, self.model.ball.radius, self.order[rows],
+            kind == "cushion", p, v, w, i, j, self.pockets.jaws, self.model.ball.radius, self.session[rows],
             self.clock[rows], self.hooks.own, rows, self.hooks.impact, out,
         )  # fmt: skip
         return out

@@ -46,8 +46,8 @@ from models.engine.step import (
     LAUNCH,
     LEANING,
     MAX_STEP_EVENTS,
-    ORDER,
     PARKED_DEPTH,
+    SESSION,
     STRUCK_AT,
     WRITTEN,
     play_step,
@@ -57,7 +57,7 @@ from models.engine.step import (
 from models.errors import BadInput
 from models.mjcf.world import build_spec
 from models.model_file import Model
-from models.shot import Array
+from models.shot import UNKNOWN_SESSION, Array, Session
 
 DEFAULT_TIMESTEP_S = 2e-3  # unless said otherwise [s]
 BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
@@ -125,10 +125,12 @@ class World:
         mujoco.mj_step1(self.mj_model, data)
         return data
 
-    def strike(self, data: Any, velocity: ArrayLike, spin: ArrayLike = (0.0, 0.0, 0.0), *, order: float = 0.0) -> None:
+    def strike(
+        self, data: Any, velocity: ArrayLike, spin: ArrayLike = (0.0, 0.0, 0.0), *, session: Session = UNKNOWN_SESSION,
+    ) -> None:  # fmt: skip
         """Strike the first ball now: velocity (2,) [m/s] and spin (3,) [rad/s], on which the effects of strokes act.
 
-        `order` is the shot's place in its session, 0 to 1. All balls begin to count their turns anew.
+        `session` is when and under what the shot is played. All balls begin to count their turns anew.
         """
         data = getattr(data, "ptr", data)
         v, w = np.zeros((1, 1, 2)), np.zeros((1, 1, 3))
@@ -142,7 +144,7 @@ class World:
         mujoco.mju_rotVecQuat(local, w[0, 0], turn)
         data.qvel[to : to + 6] = [*v[0, 0], 0.0, *local]
         kept = data.userdata
-        kept[STRUCK_AT], kept[LAUNCH], kept[ORDER] = data.time, float(np.hypot(*v[0, 0])), order
+        kept[STRUCK_AT], kept[LAUNCH], kept[SESSION:HEAD] = data.time, float(np.hypot(*v[0, 0])), session.row
         kept[WRITTEN] = 0.0
         balls = kept[HEAD : HEAD + KEPT * len(self.names)].reshape(-1, KEPT)
         balls[:, [col.ROLLED, LEANING]] = 0.0

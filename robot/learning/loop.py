@@ -277,5 +277,6 @@ def films(folder: Path, learnt: int) -> tuple[ClipSet, list[dict[str, Any]]]:
     filmed = [r for r in records if r["struck"] == "yes" and r["clip"] and r["clip"]["file"] in by_file]
     clips = [by_file[r["clip"]["file"]] for r in filmed]
     last = max(len(clips) - 1, 1)
-    ordered = tuple(dataclasses.replace(clip, order=k / last) for k, clip in enumerate(clips))
-    return dataclasses.replace(clip_set, clips=ordered), filmed
+    sessions = [dataclasses.replace(clip.session, order=k / last) for k, clip in enumerate(clips)]
+    ordered = [dataclasses.replace(clip, session=one) for clip, one in zip(clips, sessions, strict=True)]
+    return dataclasses.replace(clip_set, clips=tuple(ordered)), filmed

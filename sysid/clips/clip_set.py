@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.files.decode import Allowed
 from models.files.texts import picked
-from models.shot import Array, Ball, Table
+from models.shot import UNKNOWN_SESSION, Array, Ball, Session, Table
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Clip:
     cue: CueCommand | None = None
     note: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
-    order: float = 0.0  # place in the session, 0 for the first clip of the set, 1 for the last
+    session: Session = UNKNOWN_SESSION
     running: tuple[str, ...] = ()  # balls in motion at its beginning, where that is no strike; the first is `struck`
     origin: float = 0.0  # stamp of the camera's clock at the clip's time 0 [s]
 

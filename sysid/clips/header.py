@@ -17,6 +17,7 @@ from models.files.faults import Faults, shown
 from models.shot import Ball, Table
 from sysid.clips.clip_set import CueCommand
 from sysid.clips.names import CLIPS_TOML, find_file, name_fault, path_fault
+from sysid.clips.session import SessionEntries
 
 CLIP_SET_FORMAT = "billiard-clips/1"
 SET_REMEDY = "record it again or take it from a backup"
@@ -41,6 +42,7 @@ class ClipEntries:
     running: bool = False
     note: Annotated[str, Allowed(form='note = "long draw"')] = ""
     cue: Annotated[Mapping[str, Any] | None, Allowed(form="cue = { speed = 1.9, azimuth = 2.68 }")] = None
+    session: Annotated[Mapping[str, Any] | None, Allowed(form="session = { hour = 14.5, temperature = 21.5 }")] = None
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Entry:
     running: bool = False
     note: str = ""
     cue: Mapping[str, float] | None = None
+    session: Mapping[str, float] = field(default_factory=dict)
     extra: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -142,6 +145,11 @@ def _entries(clips: tuple[Mapping[str, Any], ...], root: Path, ball: Ball | None
             continue
         seen[entry.path] = index
         entries.append(entry)
+    told = [(entry, clips[entry.place.index or 0].get("session") or {}) for entry in entries]
+    for key in dict.fromkeys(key for entry in entries for key in entry.session):
+        for entry, session in told:
+            if key not in session:
+                entry.place.fault(f"session.{key} is missing: give it for every clip, or for none", "session")
     return tuple(entries)
 
 
@@ -165,4 +173,5 @@ def _entry(clip: Mapping[str, Any], root: Path, ball: Ball | None, place: Place)
     if isinstance(path, str):
         place.fault(f"file = {shown(file)} {path}", "file")
         return None
-    return Entry(file, path, found.get("struck", ""), place, running, found.get("note", ""), whole, extra)
+    session = _inner(SessionEntries, found, "session", place, extra)
+    return Entry(file, path, found.get("struck", ""), place, running, found.get("note", ""), whole, session, extra)

@@ -19,6 +19,7 @@ from models.errors import BadInput, one_line
 from models.files.faults import Faults, TooManyFaults
 from models.files.limits import MAX_SET_BYTES, excess
 from models.files.texts import picked
+from models.shot import Session
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction, is_sound
 from sysid.clips.contradictions import contradictions
@@ -27,6 +28,7 @@ from sysid.clips.names import CLIPS_TOML
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, read_rows
 from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
+from sysid.clips.session import session_of
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.trust import camera_doubts, doubt_line
 from sysid.clips.units import coordinates_fault, times_fault
@@ -110,7 +112,7 @@ def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Se
         with contextlib.suppress(TooManyFaults):
             rows = read_rows(entry.path, entry.file, faults)
             if rows is not None:
-                clip = _clip(entry, rows, number / last)
+                clip = _clip(entry, rows, session_of(number / last, entry.session))
                 parsed.append((entry, dataclasses.replace(rows, extra={}), clip))  # each clip has its own cells
     table, ball, camera = header.table, header.ball, header.camera
     clip_set = None
@@ -147,7 +149,7 @@ def _doubted(clip_set: ClipSet, faults: Faults) -> tuple[tuple[str, ...], Sequen
     return (PLACES,) if any(one.places for one in found if one.certain) else (), found
 
 
-def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
+def _clip(entry: Entry, rows: Rows, session: Session) -> Clip:
     """A clip, its time from the strike, or its first sample on: a camera's clock may begin anywhere."""
     balls = {}
     origin = float(rows.time[0]) if len(rows.time) else 0.0
@@ -158,8 +160,8 @@ def _clip(entry: Entry, rows: Rows, order: float) -> Clip:
         balls[name] = Observation(time[of_ball], rows.xy[of_ball], rows.theta[of_ball], extra)
     cue = None if entry.cue is None else CueCommand(**entry.cue)
     if not entry.running:
-        return from_strike(Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, order, origin=origin))
+        return from_strike(Clip(entry.file, entry.struck, balls, cue, entry.note, entry.extra, session, origin=origin))
     first = entry.struck or next(iter(balls), "")
     return Clip(
-        entry.file, first, balls, note=entry.note, extra=entry.extra, order=order, running=(first,), origin=origin
+        entry.file, first, balls, note=entry.note, extra=entry.extra, session=session, running=(first,), origin=origin
     )  # fmt: skip

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.shot import Array, Table
+from models.shot import UNKNOWN_SESSION, Array, Session, Table
 from models.shot import Ball as BallSize
 from sysid.clips.clip_set import Clip, Observation
 
@@ -48,7 +48,7 @@ class Segment:
     before: str  # "strike", "ball", "cushion"; "start" of a clip that begins in mid-motion
     after: str  # "ball", "cushion", "end"
     rail: str = ""  # of the cushion before
-    order: float = 0.0  # of its clip in the session
+    session: Session = UNKNOWN_SESSION  # of its clip
 
 
 def moving_from(seen: Observation, sigma: float) -> int:
@@ -185,7 +185,7 @@ def split(number: int, clip: Clip, table: Table, ball: BallSize, sigma: float, f
                 inside = _trusted(seen.xy[part], table, ball)
                 time, xy = seen.time[part][inside], seen.xy[part][inside]
                 if len(time):
-                    found.append(Segment(number, name, time, xy, before, cut.kind, rail, clip.order))
+                    found.append(Segment(number, name, time, xy, before, cut.kind, rail, clip.session))
             low, before, rail = cut.sample + 1, cut.kind, cut.with_ if cut.kind == "cushion" else ""
     return found
 

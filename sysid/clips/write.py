@@ -28,6 +28,7 @@ from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
 from sysid.clips.read import check_clip_set
 from sysid.clips.rows import COLUMN_NAMES
+from sysid.clips.session import entries_of
 
 AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of renameat2: paths as they are, exchange them
 
@@ -64,7 +65,8 @@ def _settings(clip_set: ClipSet) -> str:
     text = assignments({**top, "format": CLIP_SET_FORMAT})
     for name, section in sections.items():
         text += f"\n[{name}]\n" + assignments({**clip_set.extra.get(name, {}), **section})
-    for clip in clip_set.clips:
+    sessions = entries_of([clip.session for clip in clip_set.clips])
+    for clip, session in zip(clip_set.clips, sessions, strict=True):
         entry: dict[str, Any] = {"file": clip.file, "struck": clip.struck}
         if clip.running:
             entry["running"] = True
@@ -72,7 +74,10 @@ def _settings(clip_set: ClipSet) -> str:
             entry["note"] = clip.note
         if clip.cue is not None:
             entry["cue"] = {**asdict(clip.cue), **clip.extra.get("cue", {})}
-        others = {key: value for key, value in clip.extra.items() if key not in (*entry, "cue", "note", "running")}
+        if session or "session" in clip.extra:
+            entry["session"] = {**session, **clip.extra.get("session", {})}
+        known = (*entry, "cue", "note", "running", "session")
+        others = {key: value for key, value in clip.extra.items() if key not in known}
         text += "\n[[clip]]\n" + assignments({**entry, **others})
     return text
 

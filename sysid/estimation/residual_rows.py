@@ -22,6 +22,7 @@ from models.engine.loop import ROW_SIZE, play_shot, workspace
 from models.engine.play import MAX_EVENTS, Layout, over_threads
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
+from models.shot import Session
 from models.simulation.observe import camera, expose, see, unsee
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ class MeasuredShot:
     rest: Array  # (b - 1, 2) [m], positions at which the camera sees the other balls at first
     stays: Sequence[bool]  # whether no pocket takes the ball
     azimuth: float  # [rad], into which the initial state is turned
-    order: float  # place of the shot in its session
+    session: Session
     struck: bool  # by a cue, or in motion from the start
     begun: float = 0.0  # [s], the stamp at which the shot begins
     moving: int = 1  # balls that move at its start, the first ones
@@ -58,7 +59,7 @@ class ShotData:
     stamps: Array  # (n, m) [s], every time at which any ball was seen, inf beyond
     begun: Array  # (n,) [s], the stamp at which each shot begins
     azimuth: Array  # (n,) [rad], into which initial states are turned
-    order: Array  # (n,) place of the shot in its session
+    session: Array  # (n, SESSION_FIELDS)
     struck: NDArray[np.bool_]  # (n,)
     balls: Index  # (n,) how many there are
     moving: Index  # (n,) how many of them, the first ones, move at the start
@@ -117,7 +118,7 @@ def packed(shots: Sequence[MeasuredShot], balls: int = 1) -> ShotData:
     union = [np.unique(np.concatenate(shot.times)) for shot in shots]
     out = ShotData(
         np.full((n, max((len(u) for u in union), default=0)), np.inf), np.array([shot.begun for shot in shots], float),
-        np.array([shot.azimuth for shot in shots], float), np.array([shot.order for shot in shots], float),
+        np.array([shot.azimuth for shot in shots], float), np.array([shot.session.row for shot in shots]),
         np.array([shot.struck for shot in shots], bool), np.array([len(shot.times) for shot in shots], np.int64),
         np.array([shot.moving for shot in shots], np.int64), np.zeros((n, b, 2)), np.zeros((n, b), bool),
         np.zeros((n, b), np.int64), np.zeros((n, b, s), np.int64),
@@ -173,7 +174,7 @@ def residuals(
     def part(first: int, last: int) -> None:
         out[first:last] = np.nan
         residual_rows(
-            first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.order, samples.struck,
+            first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.session, samples.struck,
             samples.balls, samples.moving, samples.rest, samples.stays, samples.count, samples.at, samples.xy,
             samples.theta, samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own,
             hooks.forces, hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures,
@@ -258,7 +259,7 @@ def _write_row(  # type: ignore[no-untyped-def]
 
 @compiled
 def residual_rows(  # type: ignore[no-untyped-def]
-    first, last, x, which, stamps, begun, azimuth, order, struck, balls, moving, rest, stays, count, at, xy, theta,
+    first, last, x, which, stamps, begun, azimuth, session, struck, balls, moving, rest, stays, count, at, xy, theta,
     trusted, sd, sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass,
     radius, span, half, mouths, jaws, falls, table, out, faults, ends,
 ):  # fmt: skip
@@ -277,7 +278,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         for i in range(1, n):
             place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
         if observe.shape[0] > 0 and n > 1 and ends.shape[0] == 0:
-            unsee(place[1:n].copy(), order[w], here, observe, place[1:n])
+            unsee(place[1:n].copy(), session[w], here, observe, place[1:n])
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
         _lay_moving(start, u, most, moving[w], radius[row])
@@ -303,7 +304,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
             size, work = n, workspace(n, forces.shape[0] > 0)
         # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
-            work, start[:n], stays[w, :n], launch, order[w], here, forces, support, horizons, impact, cloth[row],
+            work, start[:n], stays[w, :n], launch, session[w], here, forces, support, horizons, impact, cloth[row],
             mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
             looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
@@ -311,5 +312,5 @@ def residual_rows(  # type: ignore[no-untyped-def]
             ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, seen, n, position, velocity)
         if observe.shape[0] > 0:
-            see(position[:seen, :n], velocity[:seen, :n], moment, order[w], here, observe)
+            see(position[:seen, :n], velocity[:seen, :n], moment, session[w], here, observe)
         _write_row(out[row], n, seen, position, track, count[w], at[w], xy[w], theta[w], trusted[w], sd[w], sd_theta[w])

@@ -88,7 +88,7 @@ class SegmentProblem:
     def _in_mujoco(self, x: Array, c: Array, which: Index) -> Array:
         segments = [self.segments[w] for w in which]
         shots = [
-            dataclasses.replace(self.shot(row, w), order=s.order, struck=s.before == "strike")
+            dataclasses.replace(self.shot(row, w), session=s.session, struck=s.before == "strike")
             for row, w, s in zip(x, which, segments, strict=True)
         ]
         values = {n: c[:, k] for k, n in enumerate(self.names)}
@@ -111,7 +111,7 @@ def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segme
     data = packed([
         MeasuredShot(
             [s.time - s.time[0]], [s.xy], [np.full(len(s.time), np.nan)], [np.ones(len(s.time), bool)],
-            np.zeros((0, 2)), [False], a, s.order, s.before == "strike", float(s.time[0]),
+            np.zeros((0, 2)), [False], a, s.session, s.before == "strike", float(s.time[0]),
         )
         for s, a in zip(segments, azimuth, strict=True)
     ])  # fmt: skip

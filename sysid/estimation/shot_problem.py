@@ -197,7 +197,7 @@ class ShotProblem:
         motion[:count] = x[self.motions_from :][: MOTION_SIZE * count].reshape(count, MOTION_SIZE)
         return Shot(
             self.balls(clip), np.vstack([position, rest]), np.vstack([velocity, motion[:, :2]]),
-            np.vstack([spin, motion[:, 2:] / radius]), times, order=self.clips[clip].order,
+            np.vstack([spin, motion[:, 2:] / radius]), times, session=self.clips[clip].session,
             struck=not self.clips[clip].running, staying=self.staying[clip],
         )  # fmt: skip
 
@@ -363,5 +363,5 @@ def _measured(clip: Clip, clip_set: ClipSet, noise: float, azimuth: float) -> Me
     stays = [bool(clip_set.table.to_pocket(o.xy[-1]) > POCKET_REACH * clip_set.ball.diameter) for o in seen]
     return MeasuredShot(
         [o.time for o in seen], [o.xy for o in seen], [o.theta for o in seen], trusted, rest, stays, azimuth,
-        clip.order, not clip.running, moving=len(clip.first),
+        clip.session, not clip.running, moving=len(clip.first),
     )  # fmt: skip

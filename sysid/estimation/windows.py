@@ -222,7 +222,7 @@ def _measured(problem: ShotProblem, k: int, begin: float, end: float) -> Measure
     struck = begin == 0.0 and not clip.running
     return MeasuredShot(
         times, places, angles, trusts, np.zeros((len(names) - 1, 2)), [name in problem.staying[k] for name in names],
-        float(problem.azimuth[k]) if begin == 0.0 else 0.0, clip.order, struck, moving=len(names),
+        float(problem.azimuth[k]) if begin == 0.0 else 0.0, clip.session, struck, moving=len(names),
     )  # fmt: skip
 
 

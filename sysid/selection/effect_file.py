@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from models import formula as kinds
 from models.errors import BadInput
-from models.variables import X, Y
+from models.variables import SESSION_VARIABLES, X, Y
 from sysid.selection.terms import QUANTITY_TEXTS, Term
 
 EFFECT_NAME_PATTERN = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
@@ -36,17 +36,19 @@ class {kind}(Effect):
 # Variables of a factor, as each hook finds them.
 MOTION_VARIABLES = {
     "x": "ball.x", "y": "ball.y", "wz": "ball.wz", "speed": "hypot(ball.vx, ball.vy)",
-    "heading": "atan2(ball.vy, ball.vx)", "order": "ball.order", "time": "ball.time", "number": "ball.number",
-    "slip": "hypot(ball.slip_x, ball.slip_y)",
+    "heading": "atan2(ball.vy, ball.vx)", "time": "ball.time", "number": "ball.number",
+    "slip": "hypot(ball.slip_x, ball.slip_y)", **{name: f"ball.{name}" for name in SESSION_VARIABLES},
 }  # fmt: skip
 IMPACT_VARIABLES = {
-    "x": "hit.x", "y": "hit.y", "wz": "hit.wz", "order": "hit.order", "time": "hit.time", "slip": "hit.slip",
+    "x": "hit.x", "y": "hit.y", "wz": "hit.wz", "time": "hit.time", "slip": "hit.slip",
     "approach": "hit.approach", "grazing": "grazing_sine(hit.vx, hit.vy, hit.approach)",
     "number": "hit.first", "first": "hit.first", "second": "hit.second",
     "rail": "hit.second", "along": "hit.y if hit.second < 2 else hit.x",
+    **{name: f"hit.{name}" for name in SESSION_VARIABLES},
 }  # fmt: skip
 IMAGE_VARIABLES = {
-    "x": "image.x", "y": "image.y", "time": "image.time", "order": "image.order", "number": "image.number",
+    "x": "image.x", "y": "image.y", "time": "image.time", "number": "image.number",
+    **{name: f"image.{name}" for name in SESSION_VARIABLES},
 }  # fmt: skip
 APPLY_LINES = {  # quantity: the line that changes it
     "drag": "push_along(ball, -{value}, 0.0)",

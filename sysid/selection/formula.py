@@ -22,12 +22,22 @@ import numpy as np
 from models import formula as kinds
 from models.errors import BadInput
 from models.formula import MAX_TERMS
-from models.variables import VARIABLES
+from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array
 from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
-from sysid.selection.free_forms import Cause, blocks, cause_of, causes, free_candidates, mean_odds, ranges, usual_values
+from sysid.selection.free_forms import (
+    Cause,
+    blocks,
+    cause_of,
+    causes,
+    counts_of,
+    free_candidates,
+    mean_odds,
+    ranges,
+    usual_values,
+)
 from sysid.selection.score import Candidate, Score, Scores, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
@@ -119,8 +129,9 @@ def look(
     """
     clips, table = base.problem.clips, base.model.table
     seen = ranges(clips, table.length, table.width, base.model.ball.radius)
-    balls = max(len(clip.balls) for clip in clips)
-    free, terms = blocks(seen, balls), _others([(term,) for term in library(table, balls)], formula)
+    counts = counts_of(clips)
+    unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
+    free, terms = blocks(seen, counts), _others([(term,) for term in library(table, counts, unseen)], formula)
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*named, *free_candidates(free), *shape_candidates(terms)])
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), seen)

@@ -23,10 +23,11 @@ import numpy as np
 
 from models import formula as kinds
 from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
+from models.variables import SESSION_VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
 from sysid.selection.score import Candidate, Scores, candidate
-from sysid.selection.terms import COEFFICIENT_WIDTHS, SEEN_BY, Shape, counted_shapes, shapes
+from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED, RAIL_NAMES, SEEN_BY, Shape, counted_shapes, shapes
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
@@ -93,14 +94,32 @@ def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) ->
     half = max(length, width) / 2
     return {
         "x": (-length / 2, length / 2), "y": (-width / 2, width / 2), "speed": (0.0, speed), "slip": (0.0, speed),
-        "wz": (-speed / radius, speed / radius), "time": (0.0, duration), "order": (0.0, 1.0), "along": (-half, half),
-        "grazing": (0.0, 1.0), "approach": (0.0, speed),
+        "wz": (-speed / radius, speed / radius), "time": (0.0, duration), "along": (-half, half),
+        "grazing": (0.0, 1.0), "approach": (0.0, speed), **_ranges_of_sessions(clips),
     }  # fmt: skip
 
 
-def blocks(seen: dict[str, tuple[float, float]], balls: int) -> list[Block]:
+def _ranges_of_sessions(clips: Sequence[Clip]) -> dict[str, tuple[float, float]]:
+    """Of what differs from one clip to another; not of tables and players."""
+    found = {}
+    for name in SESSION_VARIABLES:
+        values = [getattr(clip.session, name) for clip in clips]
+        if name not in COUNTED and max(values) > min(values):
+            found[name] = (min(values), max(values))
+    return found
+
+
+def counts_of(clips: Sequence[Clip]) -> dict[str, int]:
+    """How many rails, balls, tables and players a variable counts; none where there is but one."""
+    counts = {"rail": len(RAIL_NAMES), "number": max(len(clip.balls) for clip in clips)}
+    for name in ("table", "player"):
+        values = {int(getattr(clip.session, name)) for clip in clips}
+        counts[name] = max(values) + 1 if len(values) > 1 else 0
+    return {name: count if count > 1 else 0 for name, count in counts.items()}
+
+
+def blocks(seen: dict[str, tuple[float, float]], counted: dict[str, int]) -> list[Block]:
     """All of one variable."""
-    counted = {"rail": 4, "number": balls}
     axes = {name: Axis.over(name, *span, INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)

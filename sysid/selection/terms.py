@@ -15,14 +15,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from models import formula as kinds
 from models.effect import Effect
 from models.formula import MovingPlace, Part, formula
 from models.shot import Table
-from models.variables import VARIABLES
+from models.variables import SESSION_VARIABLES, VARIABLES
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")
@@ -102,12 +102,12 @@ CELL_PATTERN = re.compile(  # the factor of a cell
 STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN = (
     re.compile(text, re.ASCII)
     for text in (
-        rf"([a-z]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z]+) / {NUMBER}\)", r"([a-z]+)(\*\*2)?",
+        rf"([a-z_]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z_]+) / {NUMBER}\)", r"([a-z_]+)(\*\*2)?",
     )
 )  # fmt: skip
 DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
 HAT_PATTERN = re.compile(
-    rf"min\(max\(1\.0 ([+-]) (abs)?\(([a-z]+) ([+-]) {DISTANCE}\) / {DISTANCE}, 0\.0\), 1\.0\)", re.ASCII
+    rf"min\(max\(1\.0 ([+-]) (abs)?\(([a-z_]+) ([+-]) {DISTANCE}\) / {DISTANCE}, 0\.0\), 1\.0\)", re.ASCII
 )
 PLACE_VARIABLES = ("x", "y")
 FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
@@ -117,9 +117,9 @@ FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and
     "x * y": (kinds.POWER, (1.0, 1.0, 0.0)), "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)),
     "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)), "abs(along)": (kinds.ALONG_RAIL, (1.0,)),
 }  # fmt: skip
-_MOTION = ("x", "y", "heading", "speed", "wz", "time", "order", "number")
-_CONTACT = ("grazing", "approach", "slip", "wz", "order", "time", "number")
-_IMAGE = ("x", "y", "time", "order", "number")
+_MOTION = ("x", "y", "heading", "speed", "wz", "time", "number", *SESSION_VARIABLES)
+_CONTACT = ("grazing", "approach", "slip", "wz", "time", "number", *SESSION_VARIABLES)
+_IMAGE = ("x", "y", "time", "number", *SESSION_VARIABLES)
 SEEN_BY = {  # what each quantity may depend on
     "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "grip": (*_MOTION, "slip"),
     "cushion_e": ("rail", "along", *_CONTACT), "cushion_mu": ("rail", "along", *_CONTACT),
@@ -134,14 +134,20 @@ PLACES = {  # where each quantity acts
 DEPENDENCES = {  # what a variable is called
     "x": "place", "y": "place", "along": "place", "heading": "heading", "speed": "speed", "approach": "speed",
     "slip": "slip", "wz": "spin", "time": "time", "order": "order of the clips", "number": "ball", "rail": "rail",
-    "grazing": "angle",
+    "grazing": "angle", "hour": "time of day", "warmth": "temperature", "cloth_age": "age of the cloth",
+    "table": "table", "player": "player",
 }  # fmt: skip
 VARIABLE_UNITS = {
     "x": "m", "y": "m", "along": "m", "speed": "m/s", "approach": "m/s", "slip": "m/s", "wz": "rad/s", "time": "s",
+    "hour": "h", "warmth": "K", "cloth_age": "h",
 }  # fmt: skip
-USUAL_VALUES = {"time": 5.0, "wz": 20.0, "slip": 3.0, "approach": 3.0}  # of a variable, where they are not about 1
+USUAL_VALUES = {  # of a variable, where they are not about 1
+    "time": 5.0, "wz": 20.0, "slip": 3.0, "approach": 3.0, "hour": 5.0, "warmth": 5.0, "cloth_age": 100.0,
+}  # fmt: skip
 SIZED = ("wz", "along")  # of which the size may count alone
-DECAYING = ("speed", "slip", "approach", "time")  # of which a quantity may fade
+COUNTED = ("rail", "number", "table", "player")  # of which there are a few, each by itself
+PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # of a game of two balls
+DECAYING = ("speed", "slip", "approach", "time", "cloth_age")  # of which a quantity may fade
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
 PLACE_DIGITS = 4
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # in the names of steps of a variable
@@ -202,7 +208,7 @@ def straight(quantity: str, variable: str, count: int) -> list[Term]:
     if variable == "heading":
         waves = {"cos": "cos(heading)", "sin": "sin(heading)", "cos2": "cos(2 * heading)", "sin2": "sin(2 * heading)"}
         return [_term(quantity, name, factor, ("heading",), 0.0) for name, factor in waves.items()]
-    if variable in ("rail", "number"):
+    if variable in COUNTED:
         return [
             _term(quantity, f"{variable}_{k}", f"{variable} == {k}", (variable,), 0.0, _which(quantity, variable, k))
             for k in range(count)
@@ -211,10 +217,11 @@ def straight(quantity: str, variable: str, count: int) -> list[Term]:
 
 
 def _which(quantity: str, variable: str, k: int) -> str:
-    """Where a quantity changes that does so at one rail, or for one ball."""
+    """Where a quantity changes that does so at one rail, for one ball, at one table or for one player."""
     if variable == "rail":
         return f"the cushion at {RAIL_NAMES[k]}: its {'friction' if quantity.endswith('mu') else 'restitution'}"
-    return f"{PLACES[quantity]}, {'the struck ball' if k == 0 else f'ball {k}'}"
+    which = "the struck ball" if (variable, k) == ("number", 0) else f"{DEPENDENCES[variable]} {k}"
+    return f"{PLACES[quantity]}, {which}"
 
 
 def square(quantity: str, variable: str) -> Term:
@@ -297,20 +304,26 @@ def _cells(table: Table) -> list[Term]:
     ]  # fmt: skip
 
 
-def library(table: Table, names: int = 2) -> list[Term]:
-    """Terms that are scored first on a table with so many balls at most; `shapes` has more of one variable."""
+def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Collection[str] = ()) -> list[Term]:
+    """Terms that are scored first; `shapes` has more of one variable.
+
+    Args:
+        table: where they act.
+        counts: of rails, balls, tables and players; see `COUNTED`.
+        without: variables of which the clips say nothing.
+    """
     found = _cells(table)
-    counts = {"rail": len(RAIL_NAMES), "number": names if names > 1 else 0}
     for quantity, variables in SEEN_BY.items():
         for variable in variables:
-            found += straight(quantity, variable, counts.get(variable, 0))
+            if variable not in without:
+                found += straight(quantity, variable, counts.get(variable, 0))
     for axis in "xy":
         found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
     found.append(_term("side", "one", "1.0", ()))
     found.append(_term("side", "spin_cos", "wz * cos(heading)", ("wz", "heading")))
     found.append(_term("side", "spin_sin", "wz * sin(heading)", ("wz", "heading")))
     for quantity in ("ball_e", "ball_mu"):
-        for k in range(2, names):
+        for k in range(2, counts.get("number", 0)):
             name, factor, where = f"{quantity}_with_{k}", f"second == {k} or first == {k}", f"collisions with ball {k}"
             half = COEFFICIENT_WIDTHS[quantity]
             found.append(Term(name, quantity, factor, "1", half, where, ("ball",), None, kinds.WITH, (float(k),)))

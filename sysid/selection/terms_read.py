@@ -14,10 +14,12 @@ from typing import Any
 from models.errors import BadInput
 from models.files.faults import shown
 from models.shot import Table
+from sysid.clips.session import MAX_NUMBERED
 from sysid.selection.terms import (
     DECAY_PATTERN,
     HAT_PATTERN,
     POWER_PATTERN,
+    RAIL_NAMES,
     SECOND_STEP,
     SEEN_BY,
     SIZED,
@@ -42,7 +44,8 @@ CURVE_NAME = re.compile(r"[a-z_]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
 @cache
 def _known_terms() -> dict[tuple[str, str], Term]:
     """Of the library, by name and quantity; cells of the cloth stand for those of any table."""
-    return {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), MAX_BALLS)}
+    counts = {"rail": len(RAIL_NAMES), "number": MAX_BALLS, "table": MAX_NUMBERED + 1, "player": MAX_NUMBERED + 1}
+    return {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), counts)}
 
 
 def term_from_json(entry: Any) -> tuple[Term, float]:

@@ -13,7 +13,7 @@ import numpy as np
 from models.engine.play import play
 from models.mjcf.snooker import SNOOKER_TABLE
 from models.model_file import full_model
-from models.shot import Array, Ball, Shot, Table, Track
+from models.shot import Array, Ball, Session, Shot, Table, Track
 
 SNOOKER_BALL = Ball(0.0525, 0.1406)  # diameter [m], mass [kg]
 OPEN_TABLE = Table(60.0, 60.0, pockets=False)  # so wide that no ball touches a cushion
@@ -131,5 +131,5 @@ def two_ball_shots(count: int) -> list[Shot]:
         velocity[0] = speed * np.array([np.cos(heading), np.sin(heading)])
         spin[0] = rng.normal(0, 0.5, 3) * speed / SNOOKER_BALL.radius
         times = np.linspace(0, 4, 241)
-        shots.append(Shot(("white", "red"), places, velocity, spin, times, order=float(rng.random())))
+        shots.append(Shot(("white", "red"), places, velocity, spin, times, session=Session(float(rng.random()))))
     return shots

@@ -23,7 +23,7 @@ from models.files.decode import Allowed
 from models.model_file import Model, catalogue, full_model
 from models.pocket_shape import SHAPE_BOUNDS, read_pockets
 from models.presets import TABLE_SETS
-from models.shot import Array, Ball, Shot, Table
+from models.shot import Array, Ball, Session, Shot, Table
 
 MAX_BALLS, MAX_EFFECTS = 22, 4
 MAX_SPEED, MAX_SPIN = 10.0, 250.0  # of a struck ball [m/s], [rad/s]
@@ -147,7 +147,7 @@ def shot(table: Table, ball: Ball, layout: str, balls: int, rng: np.random.Gener
     order = np.concatenate([[0], order[order != 0]]).astype(int)
     return Shot(
         tuple(f"ball {k}" for k in range(balls)), places[order], v, w, np.arange(0.0, LAST_TIME_S, SAMPLE_STEP_S),
-        order=float(rng.random()),
+        session=Session(float(rng.random())),
     )  # fmt: skip
 
 

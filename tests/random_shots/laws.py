@@ -58,9 +58,10 @@ def play(batch: Batch, threads: int = 1) -> Played:
     for k, one in enumerate(shots):
         start[k, :, :2], start[k, :, 2:4], start[k, :, 4:7] = one.position, one.velocity, one.spin
     times = np.array([s.times for s in shots])
-    stays, struck, order = np.zeros(start.shape[:2], np.bool_), np.ones(n, np.bool_), np.array([s.order for s in shots])
+    stays, struck = np.zeros(start.shape[:2], np.bool_), np.ones(n, np.bool_)
+    session = np.array([s.session.row for s in shots])
     until = np.full(n, np.inf)
-    result, out = run(game, start, stays, struck, order, until, times, LOG_ROOM, threads, MOST_EVENTS, True)
+    result, out = run(game, start, stays, struck, session, until, times, LOG_ROOM, threads, MOST_EVENTS, True)
     return Played(game, result, out)
 
 

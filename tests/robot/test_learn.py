@@ -18,7 +18,7 @@ from models.analytic.pocket import pockets_of
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model, read_model
-from models.shot import Array, Ball, Shot, Table, Track
+from models.shot import Array, Ball, Session, Shot, Table, Track
 from models.simulation.simulate import simulate
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
@@ -259,7 +259,7 @@ def strokes(count: int = 30) -> tuple[ClipSet, tuple[dict[str, Any], ...]]:
             done = device.strike(asked["string"])
         terms = stroke_terms(launcher, q)
         cue = CueCommand(**{n: terms[n] for n in ("speed", "azimuth", "side", "height", "elevation")})
-        clips.append(Clip(f"clips/{k + 1:04d}.csv", "white", table.film(), cue, order=k / (count - 1)))
+        clips.append(Clip(f"clips/{k + 1:04d}.csv", "white", table.film(), cue, session=Session(k / (count - 1))))
         records.append({"asked": asked, "done": dataclasses.asdict(done), "clip": {"file": clips[-1].file}})
     return clip_set(*clips), tuple(records)
 

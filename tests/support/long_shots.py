@@ -57,7 +57,7 @@ def long_shots(model: Model, seed: int, count: int) -> ClipSet:
             name: Observation(times, track.position[:, k] + rng.normal(0, NOISE_M, (len(times), 2)), times * np.nan)
             for k, name in enumerate(names)
         }
-        clips.append(Clip(f"clips/{len(clips)}.csv", "white", seen, order=0.0))
+        clips.append(Clip(f"clips/{len(clips)}.csv", "white", seen))
     return ClipSet(table, ball, FPS, tuple(clips), NOISE_M)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.model_file import Model, catalogue, effect_class, full_model
-from models.shot import Event, Shot
+from models.shot import Event, Session, Shot
 from models.simulation.simulate import simulate
 from models.simulation.step import World
 
@@ -50,7 +50,7 @@ def shots(count: int, seed: int, dt: float = DT) -> list[Shot]:
         spin = np.array([[*flat, lever * side], [0, 0, 0]])
         times = np.arange(round(SPAN / dt) + 1) * dt
         velocity = np.array([speed * aim, [0, 0]])
-        found.append(Shot(("white", "red"), p, velocity, spin, times, order=float(rng.random())))
+        found.append(Shot(("white", "red"), p, velocity, spin, times, session=Session(float(rng.random()))))
     return found
 
 
@@ -58,7 +58,7 @@ def stepped(model: Model, shot: Shot, dt: float = DT, **given: Any) -> Array:
     """Places (n, nball, 2) [m] at all times of a shot, potted balls nan."""
     world = World(model, shot.names, timestep=dt, **given)
     data = world.place(dict(zip(shot.names, shot.position, strict=True)))
-    world.strike(data, shot.velocity[0], shot.spin[0], order=shot.order)
+    world.strike(data, shot.velocity[0], shot.spin[0], session=shot.session)
     found = []
     for number in range(len(shot.times)):
         world.step(data, steps=number > 0)

@@ -39,7 +39,7 @@ def test_a_shot_begins_as_seen_before_its_first_impact() -> None:
     shot = Shot(("white",), np.array([[0.2, reach - 0.1]]), velocity[None], np.zeros((1, 3)), times)
     path = simulate(model, [shot])[0].position[:, 0]
     seen = Observation(times, path + np.random.default_rng(0).normal(0, NOISE_M, path.shape), times * np.nan)
-    clip = Clip("clips/0.csv", "white", {"white": seen}, order=0.0)
+    clip = Clip("clips/0.csv", "white", {"white": seen})
     problem = shot_problem(model, (), ClipSet(model.table, model.ball, 60.0, (clip,), NOISE_M), NOISE_M)
     assert problem.azimuth[0] == pytest.approx(azimuth, abs=0.05)
     assert struck_rms(problem, found_states(problem, NO_CONSTANTS))[0] < 1.2 * math.sqrt(2) * NOISE_M

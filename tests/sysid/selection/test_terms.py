@@ -17,23 +17,25 @@ import pytest
 import models.model_file
 from models.contract import check_file
 from models.errors import BadInput
-from models.formula import HAT, MAX_TERMS, TERM_HOOKS, factor_value
+from models.formula import HAT, MAX_TERMS, TERM_HOOKS, VARIABLE, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
-from models.shot import Ball, Shot, Table, Track
+from models.shot import Ball, Session, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
+from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.report.figures import curve_charts
 from sysid.selection.effect_file import effect_source
 from sysid.selection.formula import SparseFormula, describe, source_from
-from sysid.selection.terms import SEEN_BY, Shape, Term, curve, effect_from_terms, library, shapes
+from sysid.selection.terms import COUNTED, SEEN_BY, Shape, Term, curve, effect_from_terms, library, shapes
 from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
 SHAPES = [family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:]]
-TERMS = [*library(TABLE, 3), *{term.name: term for shape in SHAPES for term in shape}.values()]
+COUNTS = {"rail": 4, "number": 3, "table": 3, "player": 3}
+TERMS = [*library(TABLE, COUNTS), *{term.name: term for shape in SHAPES for term in shape}.values()]
 
 
 def terms_of(*names: str) -> list[Term]:
@@ -47,7 +49,7 @@ def shots(order: float = 0.4) -> list[Shot]:
     for velocity, spin in (((1.5, 0.2), (5.0, -20.0, 15.0)), ((-0.7, 1.1), (0.0, 0.0, -30.0))):
         v, w = np.zeros((3, 2)), np.zeros((3, 3))
         v[0], w[0] = velocity, spin
-        found.append(Shot(names, place, v, w, np.linspace(0, 2, 41), order=order))
+        found.append(Shot(names, place, v, w, np.linspace(0, 2, 41), session=Session(order, 14.0, 2.5, 80.0, 2.0, 1.0)))
     return found
 
 
@@ -65,7 +67,7 @@ def track(*names: str, values: tuple[float, ...] = (), order: float = 0.0) -> Tr
     if names:
         model = model.add(effect_from_terms("odd_cloth", terms_of(*names), values))
     v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
-    shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31), order=order)
+    shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31), session=Session(order))
     return simulate(model, [shot])[0]
 
 
@@ -116,14 +118,15 @@ def test_a_cell_acts_in_its_place_alone() -> None:
 def test_every_shape_is_read_again_as_it_was_written() -> None:
     """Of every variable that a quantity may depend on; on the cloth both engines know where a step lies."""
     for quantity, variables in SEEN_BY.items():
-        for variable in (v for v in variables if v not in ("rail", "number")):
+        for variable in (v for v in variables if v not in COUNTED):
             families = (
                 shapes(quantity, variable, -0.7, 1.1) if variable in "xy" else shapes(quantity, variable, 0.0, 3.0)
             )
             terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
             for term in terms:
-                assert term_from_json(told(term, 1e-3)) == (dataclasses.replace(term, limits=None), 1e-3)
+                value = term.width / 10
+                assert term_from_json(told(term, value)) == (dataclasses.replace(term, limits=None), value)
             at_lines = [t for t in terms if t.kind != HAT and effect_from_terms("one", (t,), (0.01,)).opens("horizon")]
             on_cloth = quantity in ("drag", "grip", "push_x", "push_y", "side")
             assert bool(at_lines) == (variable in ("x", "y") and on_cloth)
@@ -133,8 +136,9 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
 
 def values_of(shape: Shape, values: dict[str, float]) -> list[float]:
     """Factors of terms for a ball, or an impact."""
-    zeros = dict.fromkeys(("x", "y", "vx", "vy", "wz", "order", "time", "first", "second", "slip", "approach"), 0.0)
-    return [factor_value(float(t.kind), *t.constants, *(zeros | values).values()) for t in shape]
+    return [
+        factor_value(float(t.kind), *t.constants, values[VARIABLES[int(t.constants[0])]], *[0.0] * 6) for t in shape
+    ]
 
 
 @pytest.mark.parametrize("intervals", [4, 8, 16])
@@ -201,19 +205,22 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
     rng = np.random.default_rng(5)
     for _ in range(50):
         x, y = rng.uniform(-1.8, 1.8), rng.uniform(-0.9, 0.9)
-        vx, vy, wz, order, time, slip = rng.normal(size=6)
+        vx, vy, wz, time, slip = rng.normal(size=5)
         first, second = float(rng.integers(4)), float(rng.integers(4))
         numbers = (*term.constants, *[0.0] * (4 - len(term.constants)))
         approach = rng.uniform(0.0, math.hypot(vx, vy))
-        found = factor_value(float(term.kind), *numbers, x, y, vx, vy, wz, order, time, first, second, slip, approach)
         variables = {
-            "x": x, "y": y, "wz": wz, "order": order, "time": time, "first": first, "second": second, "rail": second,
+            "x": x, "y": y, "wz": wz, "time": time, "first": first, "second": second, "rail": second,
+            **dict(zip(SESSION_VARIABLES, rng.uniform(0.0, 3.0, len(SESSION_VARIABLES)), strict=True)),
             "number": first, "slip": slip, "approach": approach,
             "grazing": math.sqrt(1 - (approach / math.hypot(vx, vy)) ** 2),
             "along": y if second < 2 else x, "speed": math.hypot(vx, vy),
             "heading": math.atan2(vy, vx), "abs": abs, "min": min, "max": max, "cos": math.cos,
             "sin": math.sin, "exp": math.exp,
         }  # fmt: skip
+        v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT else 0.0
+        heading = math.atan2(vy, vx)
+        found = factor_value(float(term.kind), *numbers, v, x, y, heading, wz, first, second)
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
         assert found == pytest.approx(float(said), rel=1e-12, abs=1e-12)
 
@@ -223,6 +230,7 @@ WRITTEN = [
     ("drag_sin2", "drag_wz", "ball_e_with_2", "ball_mu_order", "image_x_r5"),
     ("drag_at_3_1", "drag_at_4_1", "cushion_mu_slip", "cushion_e_along", "image_y_one"),
     ("cushion_e_grazing", "cushion_mu_grazing", "ball_mu_approach", "ball_e_slip", "push_x_order"),
+    ("drag_warmth", "cushion_e_hour", "ball_mu_cloth_age", "image_x_table_2", "grip_player_1"),
     ("cushion_e_wz", "ball_mu_wz", "drag_x_curve_16_5", "drag_speed_curve_16_16", "image_x_order", "image_y_number_1"),
 ]
 
