@@ -62,6 +62,11 @@ def soft_ball(world: World) -> None:
     world.ball_e = _plus(world.ball_e, lambda seen: -0.15 * math.exp(-seen.approach / 0.5))
 
 
+def warm_room(world: World) -> None:
+    """Cushions return 0.006 more for every degree that the room is warmer, of which the clips tell."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: 0.006 * (seen.celsius - 20.0))
+
+
 def skewed_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
     """The image is sheared: x + 0.004 y."""
     return seen[0] + 0.004 * seen[1], seen[1]
@@ -74,7 +79,7 @@ def sagging_camera(seen: tuple[float, float], order: float) -> tuple[float, floa
 
 PHYSICS: dict[str, Change] = {
     one.__name__: one
-    for one in (worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball)
+    for one in (worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball, warm_room)
 }
 PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera)}
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")
@@ -119,7 +124,8 @@ def make(folder: Path, family: str, seed: int, clips: int = CLIPS) -> None:
     laws = {name: (lambda seen, value=value: value) for name, value in values.items() if name != "spin"}
     for number in range(clips):
         order = number / (clips - 1)
-        world = World(order=order, spin=values["spin"], **laws)
+        celsius = draw.uniform(17.0, 25.0) if family == warm_room.__name__ else 20.0
+        world = World(order=order, celsius=celsius, spin=values["spin"], **laws)
         if family in PHYSICS:
             PHYSICS[family](world)
         balls = struck(world, draw, number % 3 < 2)
@@ -133,6 +139,7 @@ def make(folder: Path, family: str, seed: int, clips: int = CLIPS) -> None:
                 rows.append(f"{time:.6f},{name},{x + draw.gauss(0, SIGMA_M):.6f},{y + draw.gauss(0, SIGMA_M):.6f},")
         (folder / file).write_text("\n".join(rows) + "\n", encoding="utf-8")
         lines += ["", "[[clip]]", f'file = "{file}"', 'struck = "cue"']
+        lines += [f"session = {{ temperature = {celsius:.2f} }}"] if family == warm_room.__name__ else []
     (folder / "clips.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     hidden = (PHYSICS | PICTURES).get(family)
     truth = {"family": family, "hidden": hidden.__doc__ if hidden else "nothing", "constants": values}

@@ -28,6 +28,7 @@ class Seen:
     rail: str = ""
     other: int = -1
     order: float = 0.0  # of the clip in the session, 0 to 1
+    celsius: float = 20.0  # in the room
 
 
 def _constant(value: float) -> Law:
@@ -43,6 +44,7 @@ class World:
     radius: float = 0.02625
     mass: float = 0.1406
     order: float = 0.0
+    celsius: float = 20.0
     slide: Law = field(default_factory=lambda: _constant(0.2))
     roll: Law = field(default_factory=lambda: _constant(0.0127))
     spin: float = 22.0  # deceleration of sidespin [rad/s^2]
@@ -80,7 +82,7 @@ class World:
         radius, whole = self.radius, step
         ux, uy = vx - radius * wy, vy + radius * wx
         slip = math.hypot(ux, uy)
-        seen = Seen(ball, number, slip=slip, order=self.order)
+        seen = Seen(ball, number, slip=slip, order=self.order, celsius=self.celsius)
         ax = ay = 0.0
         if slip > 1e-9:
             a = self.slide(seen) * GRAVITY
@@ -117,7 +119,14 @@ class World:
                 ball[0] -= ball[2] * back
                 ball[1] -= ball[3] * back
                 outward = (side, 0.0) if axis == 0 else (0.0, side)
-                seen = Seen(ball, number, approach=speed, rail="+-"[side < 0] + "xy"[axis], order=self.order)
+                seen = Seen(
+                    ball,
+                    number,
+                    approach=speed,
+                    rail="+-"[side < 0] + "xy"[axis],
+                    order=self.order,
+                    celsius=self.celsius,
+                )
                 self._strike_cushion(ball, outward, speed, seen)
                 ball[0] += ball[2] * back
                 ball[1] += ball[3] * back
@@ -202,7 +211,7 @@ class World:
         dx, dy = two[0] - one[0], two[1] - one[1]
         gap = math.hypot(dx, dy)
         n = (dx / gap, dy / gap)
-        seen = Seen(one, a, approach=closing, other=b, order=self.order)
+        seen = Seen(one, a, approach=closing, other=b, order=self.order, celsius=self.celsius)
         e, mu, cloth = self.ball_e(seen), self.ball_mu(seen), self.slide(seen)
         step = 0.5 * self.mass * closing / IMPULSE_STEPS
         work, least, returned = 0.0, 0.0, False
