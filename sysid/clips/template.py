@@ -49,8 +49,8 @@ note = "an example"       # optional, whatever you like
 # the aim, contact point right of and above the ball's centre, inclination of the cue:
 cue = {{ speed = {speed!r}, azimuth = 0.0, side = 0.0, height = 0.0, elevation = 0.0 }}
 
-# When and under what it was filmed; leave out what you do not know. Hour of the day, degrees Celsius in the room, hours of
-# play since the cloth was laid, the number that you give to the table and to the player:
+# When and under what it was filmed; leave out what you do not know. Hour of the day, degrees Celsius in the room, hours
+# of play since the cloth was laid, the number that you give to the table and to the player:
 # session = {{ hour = 14.5, temperature = 21.5, cloth_age = 120.0, table = 1, player = 1 }}
 
 # A clip is a CSV: a row for each ball and moment, in order of time, from the strike on. theta, the turned angle of a

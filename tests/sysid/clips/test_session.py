@@ -44,7 +44,7 @@ def test_without_a_session_none_is_written(tmp_path: Path) -> None:
     [
         ("hour = 14.5", "hour = 25.0", ("hour = 25", "0 to 24")),
         ("temperature = 22.5", "temperature = 295.0", ("temperature = 295", "degrees Celsius")),
-        ("table = 2", 'table = "B"', ("table", '"B"')),
+        ("table = 2", 'table = "B"', ("session.table = 'B'", "1 to 8")),
         ("player = 1", "player = 9", ("player = 9", "1 to 8")),
         ("cloth_age = 80.0, ", "", ("session.cloth_age is missing", "every clip, or for none")),
     ],
