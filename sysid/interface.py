@@ -148,7 +148,7 @@ class DiagnosedClips(Presented, ClipDiagnosis):
 
     def report(self, path: Path | str, notes: Sequence[str] | None = None) -> None:
         """Write the report, one HTML file; BadInput where it cannot be written."""
-        lines = [*self.sheet().lines, *shot_lines(self.next_shot)] if notes is None else notes
+        lines = [*self.sheet().lines, *shot_lines(self.next_shots)] if notes is None else notes
         rounds = (self.diagnosis.screening,)
         write_report(path, "What is missing", [("base", self.comparison)], notes=lines, rounds=rounds)
 

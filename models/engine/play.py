@@ -22,7 +22,7 @@ from models.engine.loop import ROW_SIZE, play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
 from models.interrupts import go_on
-from models.shot import NOSE_COSINE, Event, Shot, Track
+from models.shot import NOSE_COSINE, SESSION_FIELDS, Event, Shot, Track
 from models.sizes import SIZE_NAMES, stated_size
 
 if TYPE_CHECKING:
@@ -254,7 +254,7 @@ def finish(
         raise ValueError(f"friction {game.cloth[:, :2].min()} of sliding or rolling: without any give a finite end")
     start = np.concatenate([p, v, w, np.zeros((n, nball, 1))], axis=2)
     stays, struck = np.zeros((n, nball), np.bool_), np.ones(n, np.bool_)
-    return run(game, start, stays, struck, np.zeros(n), end, np.zeros((n, 0)), events, threads, most, clusters)[0]
+    return run(game, start, stays, struck, np.zeros((n, SESSION_FIELDS)), end, np.zeros((n, 0)), events, threads, most, clusters)[0]
 
 
 def play(

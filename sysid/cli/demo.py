@@ -59,7 +59,7 @@ def run(out: Path, progress: Progress) -> int:
     print("\nWhat is still missing?\n  " + "\n  ".join(verdict_lines(Diagnosis(rest), None)))
     last = write_outcome(out, clip_set, found, progress, time.monotonic() - began, COMMAND_NAME)
     _print_indented(in_words(last))
-    _print_indented(shot_lines(found.next_shot))
+    _print_indented(shot_lines(found.next_shots))
     _compare_with_truth(last.model, found)
     print_health(last.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")

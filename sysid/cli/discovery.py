@@ -77,10 +77,10 @@ def diagnose(
     print(f"base: miss {seen.base.miss * 1e3:.3f} mm, held out {seen.base.held_miss * 1e3:.3f} mm\n")
     print(table(round_rows(seen)))
     notes = [*parts.excluded, *verdict_lines(judged, found.unexplained)]
-    notes += shot_lines(found.next_shot)
+    notes += shot_lines(found.next_shots)
     print("\n" + "\n".join(notes))
     if json_file:
-        write_json(json_file, judgement_json(parts, judged, found.unexplained, found.next_shot))
+        write_json(json_file, judgement_json(parts, judged, found.unexplained, found.next_shots))
     if report_file:
         found.report(report_file, notes)
         progress.close()

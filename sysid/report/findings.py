@@ -5,6 +5,7 @@ In: a `Screening`, a `Judgement` or a `DiscoveryResult`. Out: lines and rows of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -103,18 +104,27 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def shot_lines(shot: NextShot | None) -> list[str]:
-    """The next shot in words."""
-    if shot is None:
-        return []
-    c = shot.cue
-    other = f", another at {shot.other[0]:.3f}, {shot.other[1]:.3f} m" if shot.other else ""
-    return [
-        f"next shot ({shot.why}):",
-        f"  ball at x = {shot.place[0]:.3f}, y = {shot.place[1]:.3f} m{other}; speed {c.speed:.2f} m/s,"
-        f" azimuth {c.azimuth:.3f} rad, side {c.side * 1e3:+.1f} mm, height {c.height * 1e3:+.1f} mm:"
-        f" {shot.sigmas:.0f} standard deviations apart",
-    ]
+def shot_lines(shots: Sequence[NextShot]) -> list[str]:
+    """The next shots in words, and what they leave in doubt."""
+    lines: list[str] = []
+    for number, shot in enumerate(shots):
+        c = shot.cue
+        other = f", another at {shot.other[0]:.3f}, {shot.other[1]:.3f} m" if shot.other else ""
+        lines += [
+            f"{'then' if number else 'next shot'} ({shot.why}):",
+            f"  ball at x = {shot.place[0]:.3f}, y = {shot.place[1]:.3f} m{other}; speed {c.speed:.2f} m/s,"
+            f" azimuth {c.azimuth:.3f} rad, side {c.side * 1e3:+.1f} mm, height {c.height * 1e3:+.1f} mm:"
+            f" {shot.sigmas:.0f} standard deviations apart",
+        ]
+    if shots:
+        count = "this shot" if len(shots) == 1 else f"these {len(shots)} shots"
+        lines.append(f"after {count} the chance to take one model for another is below {_percent(shots[-1].doubt)}")
+    return lines
+
+
+def _percent(chance: float) -> str:
+    """A chance, rounded up."""
+    return f"{max(math.ceil(1000.0 * chance) / 10.0, 0.1):g} %"
 
 
 def label(names: Sequence[str]) -> str:
@@ -155,7 +165,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         )
     if not found.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
-    return lines + shot_lines(found.next_shot)
+    return lines + shot_lines(found.next_shots)
 
 
 def stability_lines(found: DiscoveryResult) -> list[str]:

@@ -40,7 +40,7 @@ def result_of(
         "unexplained": dict(found.unexplained) if found.unexplained else None,
         "noise_floor_m": found.parts.noise, "ladder": ladder, "rounds": [round_json(r) for r in found.rounds],
         "look_alikes": [list(p) for p in found.confounded], "look_alike_from": CONFOUNDED_CORRELATION,
-        "next_shot": found.next_shot.to_dict() if found.next_shot else None, "parameters": parameters,
+        **_shots_json(found.next_shots), "parameters": parameters,
         "spikes_set_aside": found.parts.spikes,
         "stability": vars(found.stability) if found.stability else None,
         "pruned": list(found.pruned), "converged": found.converged,
@@ -66,7 +66,7 @@ def whole_json(verdict: Sequence[str], fitted: FittedModel, comparison: Comparis
 
 
 def judgement_json(
-    parts: Split, judged: Diagnosis, unexplained: Mapping[str, Any] | None, shot: NextShot | None
+    parts: Split, judged: Diagnosis, unexplained: Mapping[str, Any] | None, shots: Sequence[NextShot]
 ) -> dict[str, Any]:
     """`billiard-diagnosis/1`."""
     seen = judged.screening
@@ -78,8 +78,14 @@ def judgement_json(
         "windows": seen.windows, "candidates": round_json(seen),
         "margin_delta_bic": seen.margin if np.isfinite(seen.margin) else None,
         "look_alikes": [[a, b] for a, b, _ in seen.confounded], "not_told_apart": [list(p) for p in seen.tied],
-        "doubtful": list(seen.doubtful), "next_shot": shot.to_dict() if shot else None,
+        "doubtful": list(seen.doubtful), **_shots_json(shots),
     }  # fmt: skip
+
+
+def _shots_json(shots: Sequence[NextShot]) -> dict[str, Any]:
+    """The next shot by itself, and all of the sequence."""
+    told = [shot.to_dict() for shot in shots]
+    return {"next_shot": told[0] if told else None, "next_shots": told}
 
 
 def engines_json(comparison: Comparison) -> dict[str, float]:

@@ -32,12 +32,17 @@ class ClipDiagnosis:
     fitted: FittedModel  # the model whose residuals are explained, on whole shots
     diagnosis: Diagnosis
     unexplained: Mapping[str, Any] | None  # a formula or a remark on what no effect explains, as result.json has it
-    next_shot: NextShot | None
+    next_shots: tuple[NextShot, ...]  # to film, the best first
 
     @property
     def verdict(self) -> str | None:
         """The effect to add; None if none is named."""
         return self.diagnosis.name
+
+    @property
+    def next_shot(self) -> NextShot | None:
+        """The first of the next shots."""
+        return self.next_shots[0] if self.next_shots else None
 
     @property
     def ranking(self) -> tuple[tuple[str, float], ...]:
@@ -53,13 +58,13 @@ def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) ->
         windows = ByWindows(at, base)
         seen = next_cause(windows, error_rate=error_rate)
         if seen.view is not windows or (parts.training.is_long and not parts.follows(base)):
-            return _diagnosed(parts, base, windows, seen)
+            return _diagnosed(parts, base, windows, seen, error_rate)
         base = in_any_case(parts, base)
     whole = ByWholeShots(parts, base)
-    return _diagnosed(parts, base, whole, next_cause(whole, error_rate=error_rate))
+    return _diagnosed(parts, base, whole, next_cause(whole, error_rate=error_rate), error_rate)
 
 
-def _diagnosed(parts: Split, base: FittedModel, view: V, seen: Round[V]) -> ClipDiagnosis:
+def _diagnosed(parts: Split, base: FittedModel, view: V, seen: Round[V], error_rate: float) -> ClipDiagnosis:
     """What a round has found beside a fit; `base` is it on whole shots."""
     diagnosis = Diagnosis(seen.screening, seen.formula)
     unexplained: Mapping[str, Any] | None = None
@@ -69,4 +74,5 @@ def _diagnosed(parts: Split, base: FittedModel, view: V, seen: Round[V]) -> Clip
     elif diagnosis.name is None:
         unexplained = remainder(base)
     named = (diagnosis.name,) if diagnosis.name else ()
-    return ClipDiagnosis(parts, base, diagnosis, unexplained, propose_next(parts, base, (seen.screening,), named))
+    shots = propose_next(parts, base, (seen.screening,), named, error_rate)
+    return ClipDiagnosis(parts, base, diagnosis, unexplained, shots)

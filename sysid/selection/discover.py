@@ -1,7 +1,7 @@
 """Discovery: fit, look what is missing, add it, until nothing more is likely.
 
 In: a `ClipSet` and a `Model` to start from. Out: a `DiscoveryResult`: the ladder of fits, one effect more on each step,
-the rounds on the way, what stays unexplained, and the next shot to film.
+the rounds on the way, what stays unexplained, and the next shots to film.
 
 Where a single whole shot is not followed, causes are first looked for in windows of one impact each; then in whole
 shots, which tell most of what acts between impacts, unless a model does not follow shots of many impacts.
@@ -56,7 +56,7 @@ def discover(
             windows = settled(found.view)
             now = whole_shots(parts, windows.at)
         if parts.training.is_long and not parts.follows(now):
-            return _ended(result, found, windows, lambda view: whole_shots(parts, view.at), now)
+            return _ended(result, found, windows, lambda view: whole_shots(parts, view.at), now, error_rate)
         view = ByWholeShots(parts, in_any_case(parts, now))
         whole = Found(view, found.verdict, found.formula, found.dropped)
         if found.verdict and found.formula is None:
@@ -66,7 +66,7 @@ def discover(
         result, whole = _searched(result, whole, error_rate, show)
         fewer = without_departing(result.parts, result.ladder) if whole.formula is None else None
         if fewer is None:
-            return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now)
+            return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now, error_rate)
         result = dataclasses.replace(result, parts=fewer[0], ladder=fewer[1])
         whole = dataclasses.replace(whole, view=ByWholeShots(result.parts, result.last))
         show(result)
@@ -97,9 +97,10 @@ def _with_step(
 
 
 def _ended(
-    result: DiscoveryResult, found: Found[V], view: V, played: Callable[[V], FittedModel], now: FittedModel
-) -> DiscoveryResult:
-    """The result with the last fit, what it leaves unexplained, and the next shot.
+    result: DiscoveryResult, found: Found[V], view: V, played: Callable[[V], FittedModel], now: FittedModel,
+    error_rate: float,
+) -> DiscoveryResult:  # fmt: skip
+    """The result with the last fit, what it leaves unexplained, and the next shots.
 
     The model file holds named effects only: where there is a formula, the last fit is the one without it.
 
@@ -109,6 +110,7 @@ def _ended(
         view: the last fit.
         played: whole shots with such a fit.
         now: those with the last.
+        error_rate: below which the next shots leave nothing in doubt.
     """
     verdict, formula = found.verdict, found.formula
     plain = view if formula is None else view.without(EFFECT_NAME)
@@ -124,4 +126,5 @@ def _ended(
         losses = plain.linearised([one for one in candidates_for(last.model) if one.name not in result.refuted])
         stability = stability_of(plain.point, verdict, losses, plain.design_effect)
         result = dataclasses.replace(result, unexplained=remainder(last), stability=stability)
-    return dataclasses.replace(result, next_shot=propose_next(result.parts, result.last, result.rounds, result.verdict))
+    shots = propose_next(result.parts, result.last, result.rounds, result.verdict, error_rate)
+    return dataclasses.replace(result, next_shots=shots)

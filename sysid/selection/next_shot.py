@@ -1,11 +1,14 @@
-"""The shot that separates two models best, within what the launcher can play.
+"""The shots to film next: a sequence that parts all models that are left, within what the launcher can play.
 
-In: a fit (`Point`) with the covariance of its constants, and another model. Out: a `NextShot`.
+In: the last fit, the fits of rival causes, or what the clips may hide. Out: `NextShot`s, in the order in which to film.
 
-Many shots are played in the other model and compared with the fitted one. With d the difference of the tracks in
-standard deviations of the camera, J its Jacobian by initial states and constants, and P their covariance (scatter of
-the commands, uncertainty of the constants), the separation is the Mahalanobis distance sqrt(d' (1 + J P J')^-1 d):
-what the fit could make up for by its unknowns does not count.
+Many shots are tried. Where a model is named, they are played in it and compared with every rival's fit; where none is,
+they are played in the fit and with every effect as large as these clips can hide it. With d the difference of the
+tracks in standard deviations of the camera, J its Jacobian by initial states and constants, and P their covariance
+(scatter of the commands, uncertainty of the constants), two models are D = d' (1 + J P J')^-1 d apart: what a fit could
+make up for by its unknowns does not count. D adds up over shots, and the chance to take one for the other is at most
+exp(-D / 8) / 2 (A. Bhattacharyya 1943, of normal distributions of equal covariance). So the next shot is the one that
+leaves the least sum of these over all rivals, until that is below the error rate.
 """
 
 from __future__ import annotations
@@ -24,10 +27,11 @@ from models.simulation.observe import observed
 from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array, constant_steps, turn
-from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import Prior, differences
 from sysid.estimation.split import Split
-from sysid.selection.score import Score
+from sysid.selection.judgement import ERROR_RATE
+from sysid.selection.score import Score, with_candidate
 from sysid.selection.screening import Screening
 
 TRIED_SHOTS = 64  # a power of two, as Sobol sequences need
@@ -38,7 +42,8 @@ MAX_TIP_OFFSET_M = 0.012  # of the tip, sideways and up (the same)
 MAX_CUT_DIAMETERS = 0.8  # sideways distance at which the other ball is met
 MAX_DIFFERENCE_SD = 20.0  # more is not counted: the balls met something else
 MAX_SD_OF_RANGE = 0.05  # of the bounds' width: an effect of larger standard deviation is imitated by the active ones
-NEXT_SHOT_EFFECT_SD = 3.0  # standard deviations: size of the effect that the next shot is to show
+HIDDEN_EFFECT_SD = 3.0  # standard deviations: size of an effect that clips may hide
+MAX_NEXT_SHOTS = 8  # that are told
 COMMAND_SD = (0.01, 0.005, 0.0003)  # scatter of speed (fraction), azimuth [rad], offsets [m]
 log = logging.getLogger(__name__)
 
@@ -52,12 +57,13 @@ class NextShot:
     other: tuple[float, float] | None  # of the ball to hit, if any [m]
     sigmas: float  # separation of the two predictions [standard deviations]
     why: str
+    doubt: float  # at most the chance to be wrong between any of the models, after it and those before
 
     def to_dict(self) -> dict[str, Any]:
         """As result.json has it."""
         return {
             "why": self.why, "cue": dataclasses.asdict(self.cue), "ball": list(self.place),
-            "other": list(self.other) if self.other else None, "separates_sd": self.sigmas,
+            "other": list(self.other) if self.other else None, "separates_sd": self.sigmas, "doubt": self.doubt,
         }  # fmt: skip
 
 
@@ -70,28 +76,94 @@ class _PlannedShot:
     other: tuple[float, float] | None  # of the ball to hit [m]
 
 
-def propose_shot(one: Point, two: Model, covariance: Array, sigma: float, why: str, seed: int = 0) -> NextShot:
-    """The shot, of a cue ball alone or at another ball, that separates two models best.
+@dataclass(frozen=True)
+class Rival:
+    """A fit that another model is to be told from."""
+
+    name: str
+    fit: Point
+    covariance: Array  # of its constants (q, q)
+
+
+def propose_shots(
+    truth: Model, rivals: Sequence[Rival], sigma: float, why: str, error_rate: float = ERROR_RATE, seed: int = 0
+) -> tuple[NextShot, ...]:
+    """The shots, of a cue ball alone or at another ball, that part a model from its rivals, the best first.
 
     Args:
-        one: a converged fit, whose model is to be tested.
-        two: the other model; the shots are played in it.
-        covariance: of the constants of `one`, (q, q).
+        truth: the model in which the shots are played.
+        rivals: fits to tell it from.
         sigma: noise of the camera [m].
-        why: what the shot is for, in words.
+        why: what the shots are for, in words that a rival's name follows.
+        error_rate: below which nothing is left in doubt.
         seed: of the shots tried.
     """
-    planned = _planned_shots(one.model, seed)
-    clips = [
-        _clip_of(plan, track) for plan, track in zip(planned, observed(two, [p.shot for p in planned]), strict=True)
-    ]
+    planned, clips = _played(truth, seed)
+    apart = []
+    for rival in rivals:
+        seen = _look_ahead(rival.fit, planned, clips, rival.covariance, sigma)
+        apart.append(seen.apart(seen.residuals))
+    return _sequence(planned, np.array(apart), [f"{why} {rival.name}" for rival in rivals], error_rate)
+
+
+def propose_to_show(
+    now: FittedModel, rows: Sequence[Score], sigma: float, error_rate: float = ERROR_RATE, seed: int = 0
+) -> tuple[NextShot, ...]:
+    """The shots that show what effects the clips of a fit may hide, as large as they can hide them.
+
+    Args:
+        now: the fit.
+        rows: scores of effects beside it.
+        sigma: noise of the camera [m].
+        error_rate: below which nothing is left in doubt.
+        seed: of the shots tried.
+    """
+    planned, clips = _played(now.model, seed)
+    seen = _look_ahead(now, planned, clips, now.covariance, sigma)
+    apart, whys, which = [], list[str](), np.arange(len(planned))
+    for row in rows:
+        one = row.candidate
+        value = np.clip(one.off() + HIDDEN_EFFECT_SD * row.sd, *one.bounds().T)
+        constants = np.tile([*now.constants, *value], (len(planned), 1))
+        with_it = with_candidate(seen.problem, one).evaluate(seen.states, constants, which)
+        apart.append(seen.apart(with_it - seen.residuals))
+        hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
+        whys.append(f"these clips say little of {one.name}: they could hide {hidden}")
+    return _sequence(planned, np.array(apart), whys, error_rate)
+
+
+def _sequence(
+    planned: Sequence[_PlannedShot], apart: Array, whys: Sequence[str], error_rate: float
+) -> tuple[NextShot, ...]:
+    """Shots, each the one that leaves least in doubt; `apart` (k, n) is how far each parts each of k rivals."""
+    so_far, found, left = np.zeros(len(apart)), list[NextShot](), list(range(len(planned)))
+    while len(found) < MAX_NEXT_SHOTS:
+        doubts = 0.5 * np.exp(-(so_far[:, None] + apart[:, left]) / 8.0)
+        best = left[int(np.argmin(doubts.sum(axis=0)))]
+        rival = int(np.argmax(np.exp(-so_far / 8.0) - np.exp(-(so_far + apart[:, best]) / 8.0)))
+        so_far = so_far + apart[:, best]
+        left.remove(best)
+        doubt = min(float(0.5 * np.exp(-so_far / 8.0).sum()), 1.0)
+        found.append(_told(planned[best], float(np.sqrt(apart[rival, best])), whys[rival], doubt))
+        if doubt < error_rate:
+            break
+    return tuple(found)
+
+
+def _told(plan: _PlannedShot, sigmas: float, why: str, doubt: float) -> NextShot:
+    """A shot, rounded as it is told."""
+    cue = CueCommand(*(float(f"{v:.4f}") for v in dataclasses.astuple(plan.cue)))
+    x, y = plan.shot.position[0]
+    return NextShot(cue, (float(f"{x:.3f}"), float(f"{y:.3f}")), plan.other, sigmas, why, doubt)
+
+
+def _played(truth: Model, seed: int) -> tuple[list[_PlannedShot], list[Clip]]:
+    """Shots that are tried, and what the camera sees of them, of those that it sees long enough."""
+    planned = _planned_shots(truth, seed)
+    tracks = observed(truth, [plan.shot for plan in planned])
+    clips = [_clip_of(plan, track) for plan, track in zip(planned, tracks, strict=True)]
     long_enough = [k for k, c in enumerate(clips) if min(len(o.time) for o in c.balls.values()) > CAMERA_FPS / 2]
-    planned, clips = [planned[k] for k in long_enough], [clips[k] for k in long_enough]
-    separation = _separations(one, planned, clips, covariance, sigma)
-    best = int(np.argmax(separation))
-    cue = CueCommand(*(float(f"{v:.4f}") for v in dataclasses.astuple(planned[best].cue)))
-    x, y = planned[best].shot.position[0]
-    return NextShot(cue, (float(f"{x:.3f}"), float(f"{y:.3f}")), planned[best].other, float(separation[best]), why)
+    return [planned[k] for k in long_enough], [clips[k] for k in long_enough]
 
 
 def _planned_shots(model: Model, seed: int) -> list[_PlannedShot]:
@@ -134,10 +206,32 @@ def _clip_of(plan: _PlannedShot, track: Track) -> Clip:
     return Clip("", "cue", balls, plan.cue)
 
 
-def _separations(
+@dataclass(frozen=True)
+class _Ahead:
+    """What a fit expects of shots that were not played yet, and how far it may be off."""
+
+    problem: ShotProblem
+    states: Array  # (n, p) as they are commanded
+    residuals: Array  # (n, m) of the shots, over the standard deviation of the noise
+    jacobian: Array  # (n, m, p + q) by states and constants
+    covariance: Array  # (n, p + q, p + q) of these
+
+    def apart(self, differences: Array) -> Array:
+        """Squared Mahalanobis distance of differences (n, m) from what the fit's unknowns could make up for: (n,)."""
+        found = np.zeros(len(differences))
+        for k, (row, of_row, p) in enumerate(zip(differences, self.jacobian, self.covariance, strict=True)):
+            use = np.isfinite(row)
+            j, d = np.nan_to_num(of_row[use]), np.clip(row[use], -MAX_DIFFERENCE_SD, MAX_DIFFERENCE_SD)
+            # Woodbury: d' (1 + J P J')^-1 d = d'd - d'J (1 + P J'J)^-1 P J'd
+            inner = np.linalg.solve(np.eye(len(p)) + p @ (j.T @ j), p @ (j.T @ d))
+            found[k] = max(float(d @ d - (j.T @ d) @ inner), 0.0)
+        return found
+
+
+def _look_ahead(
     one: Point, planned: Sequence[_PlannedShot], clips: Sequence[Clip], covariance: Array, sigma: float
-) -> Array:
-    """Mahalanobis distance of each shot's track from the prediction of the fit `one`: (n,)."""
+) -> _Ahead:
+    """What a fit expects of shots, of which these clips would be filmed."""
     model = one.model
     clip_set = ClipSet(model.table, model.ball, CAMERA_FPS, tuple(clips), sigma)
     problem = shot_problem(one.problem.model, one.problem.names, clip_set, sigma)
@@ -154,59 +248,38 @@ def _separations(
     problem = dataclasses.replace(problem, prior=Prior(mean, sd))
     steps = constant_steps(problem.model, problem.names)
     r, jx, jc = differences(problem.evaluate, mean, one.constants, np.arange(n), problem.steps, steps)
-    states = len(problem.steps)
-    separation = np.zeros(n)
-    for k in range(n):
-        use = np.isfinite(r[k])
-        j = np.concatenate([jx[k, use], jc[k, use]], axis=1)
-        p = np.zeros((j.shape[1],) * 2)
-        p[:states, :states], p[states:, states:] = np.diag(sd[k] ** 2), np.nan_to_num(covariance)
-        d = np.clip(r[k, use], -MAX_DIFFERENCE_SD, MAX_DIFFERENCE_SD)
-        # Woodbury: d' (1 + J P J')^-1 d = d'd - d'J (1 + P J'J)^-1 P J'd
-        inner = np.linalg.solve(np.eye(len(p)) + p @ (j.T @ j), p @ (j.T @ d))
-        separation[k] = np.sqrt(max(float(d @ d - (j.T @ d) @ inner), 0.0))
-    return separation
+    states, q = len(problem.steps), len(steps)
+    p = np.zeros((n, states + q, states + q))
+    p[:, np.arange(states), np.arange(states)], p[:, states:, states:] = sd**2, np.nan_to_num(covariance)
+    return _Ahead(problem, mean, r, np.concatenate([jx, jc], axis=2), p)
 
 
 def propose_next(
-    parts: Split, now: FittedModel, rounds: Sequence[Screening], verdict: Sequence[str]
-) -> NextShot | None:
-    """The shot that separates the verdict from its closest rival or, without one, shows what the clips may hide most.
+    parts: Split, now: FittedModel, rounds: Sequence[Screening], verdict: Sequence[str], error_rate: float = ERROR_RATE
+) -> tuple[NextShot, ...]:
+    """The shots that part the verdict from its rivals or, without any, show what the clips may hide.
 
     Args:
         parts: the clips.
         now: their last fit.
         rounds: all screenings.
         verdict: effects that were named.
+        error_rate: below which nothing is left in doubt.
     """
     if not rounds:
-        return None
-    log.info("the next shot")
+        return ()
+    log.info("the next shots")
     named = [r for r in rounds if r.best is not None and r.best.name in verdict]
     if named and (best := named[-1].best) is not None:
-        rivals = [one for one in named[-1].fits if one.name != best.name]
+        rivals = [Rival(one.name, one.fitted, one.fitted.covariance) for one in named[-1].fits if one.name != best.name]
         if rivals:
-            rival = rivals[0].fitted
-            why = f"to separate {best.name} from {rivals[0].name}, the next best"
-            return propose_shot(rival, best.fitted.model, rival.covariance, parts.noise, why)
+            return propose_shots(best.fitted.model, rivals, parts.noise, f"to separate {best.name} from", error_rate)
     # An effect that the active ones can imitate wholly is hidden at any size: no shot would show it.
     rows = [row for row in rounds[-1].scores.rows if _is_separate(row)]
-    if not rows:
-        return None
-    row = max(rows, key=_hidden_share)
-    one = row.candidate
-    value = np.clip(one.off() + NEXT_SHOT_EFFECT_SD * row.sd, *one.bounds().T)
-    hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
-    why = f"these clips say least about {one.name}: they could hide {hidden}"
-    return propose_shot(now, now.model.add(one.at(value)), now.covariance, parts.noise, why)
+    return propose_to_show(now, rows, parts.noise, error_rate) if rows else ()
 
 
 def _is_separate(row: Score) -> bool:
     """Whether the active effects do not imitate a candidate."""
     low, high = row.candidate.bounds().T
     return bool(np.all((row.sd > 0) & (row.sd < MAX_SD_OF_RANGE * (high - low))))
-
-
-def _hidden_share(row: Score) -> float:
-    """Standard deviation of a candidate's parameters over their usual size, the largest of them."""
-    return float(np.max(row.sd / np.maximum(np.abs(row.candidate.usual()), 1e-12)))

@@ -27,7 +27,7 @@ class DiscoveryResult:
     rounds: tuple[Screening, ...]
     unexplained: Mapping[str, Any] | None = None  # what no effect of the catalogue explains, as result.json has it
     explained: FittedModel | None = None  # the last fit with the formula for it
-    next_shot: NextShot | None = None
+    next_shots: tuple[NextShot, ...] = ()  # to film, the best first
     stability: Stability | None = None  # how often the verdict returns; None beside a formula
     pruned: tuple[str, ...] = ()  # effects that were named and later dropped
 
@@ -35,6 +35,11 @@ class DiscoveryResult:
     def verdict(self) -> tuple[str, ...]:
         """Effects added, in order."""
         return self.verdicts[-1]
+
+    @property
+    def next_shot(self) -> NextShot | None:
+        """The first of the next shots."""
+        return self.next_shots[0] if self.next_shots else None
 
     @property
     def last(self) -> FittedModel:

@@ -42,7 +42,7 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
 
 
 def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> None:
-    shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "to separate table_tilt from cloth_nap")
+    shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "to separate table_tilt from cloth_nap", 0.01)
     missing, size, certainty, step = verdict_of(found("table_tilt", next_shot=shot)).lines()
     assert missing == "missing: table_tilt (slope_x 0.000700 ± 0.000010 rad, slope_y -0.0016 ± – rad)"
     assert size.startswith("size: the rms miss falls from 10.0 mm to 0.500 mm (held out 11.0 mm to 0.550 mm);")

@@ -1,4 +1,4 @@
-"""Scores of effects that a model does not hold, the clock of the stamps, and the next shot."""
+"""Scores of effects that a model does not hold, the clock of the stamps, and the next shots."""
 
 from __future__ import annotations
 
@@ -8,15 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.model_file import effect_class, full_model
+from models.model_file import Model, effect_class, full_model
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.clock import stamp_scale
 from sysid.estimation.fitted import Point
 from sysid.estimation.initial_states import with_scatter
+from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import fit_each
-from sysid.selection.next_shot import BALL_SPEEDS_M_S, MAX_TIP_OFFSET_M, propose_shot
+from sysid.selection.next_shot import (
+    BALL_SPEEDS_M_S,
+    MAX_NEXT_SHOTS,
+    MAX_TIP_OFFSET_M,
+    NextShot,
+    Rival,
+    propose_shots,
+)
 from sysid.selection.score import candidate, score_all
 from tests.truth.__main__ import jittered
 from tests.truth.__main__ import main as generate
@@ -121,19 +129,44 @@ def test_stamps_tell_a_clock_that_runs_fast() -> None:
     assert stamp_scale(filmed(1.4 / 120, 120.0))[1] == np.inf, "no whole number of frames"
 
 
-def test_the_next_shot_is_within_the_launcher_and_tells_most(drag: Point) -> None:
-    other = drag.model.add(effect_class("air_drag")(0.01))
-    shot = propose_shot(drag, other, np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2, SIGMA, "a test")
+def shots_for(fit: Point, truth: Model, covariance: Array, *, error_rate: float = 0.05) -> tuple[NextShot, ...]:
+    return propose_shots(truth, [Rival("the rest", fit, covariance)], SIGMA, "to part it from", error_rate)
+
+
+def test_the_next_shots_are_within_the_launcher_and_tell_most(drag: Point) -> None:
+    other, known = drag.model.add(effect_class("air_drag")(0.01)), np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2
+    shot = shots_for(drag, other, known)[0]
     assert BALL_SPEEDS_M_S[0] <= shot.cue.speed <= BALL_SPEEDS_M_S[1]
     assert np.hypot(shot.cue.side, shot.cue.height) <= MAX_TIP_OFFSET_M + 1e-4
-    assert shot.sigmas > 5
+    assert shot.sigmas > 5 and shot.why == "to part it from the rest"
     assert shot.to_dict()["cue"]["speed"] == shot.cue.speed
-    same = propose_shot(drag, drag.model, np.eye(4) * 1e-8, SIGMA, "nothing to part")
+    same = shots_for(drag, drag.model, np.eye(4) * 1e-8)[0]
     assert same.sigmas < 1.0
     slower = drag.model.with_values({"decoupled_cloth.roll": float(drag.constants[1]) + 5e-5})
-    free = propose_shot(drag, slower, np.eye(4), SIGMA, "a constant that may be anything")
-    held = propose_shot(drag, slower, np.eye(4) * 1e-16, SIGMA, "a constant that is known")
+    free, held = (shots_for(drag, slower, np.eye(4) * size)[0] for size in (1.0, 1e-16))
     assert free.sigmas < 0.2 * held.sigmas
+
+
+def test_shots_follow_until_nothing_is_in_doubt(drag: Point) -> None:
+    """Each leaves less, the last no more than is allowed, or there are as many as may be told."""
+    weak, known = drag.model.add(effect_class("air_drag")(0.0008)), np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2
+    shots = shots_for(drag, weak, known, error_rate=0.01)
+    doubts = [shot.doubt for shot in shots]
+    assert len(shots) > 1 and doubts == sorted(doubts, reverse=True)
+    assert doubts[-1] < 0.01 <= doubts[-2] or len(shots) == MAX_NEXT_SHOTS
+    assert doubts == pytest.approx(0.5 * np.exp(-np.cumsum([shot.sigmas**2 for shot in shots]) / 8.0), rel=1e-9)
+    assert len(set(shots)) == len(shots)
+    assert len(shots_for(drag, weak, known, error_rate=0.4)) <= len(shots)
+
+
+def test_shots_part_all_rivals_and_not_one_alone(drag: Point) -> None:
+    """A rival that is far from the truth in every shot is not what the sequence is for."""
+    known = np.diag([1e-3, 1e-4, 1e-3, 1e-3]) ** 2
+    truth = drag.model.add(effect_class("air_drag")(0.0008))
+    far = dataclasses.replace(drag, constants=drag.constants * 1.3)
+    rivals = [Rival("far", far, known * 1e-6), Rival("near", drag, known)]
+    shots = propose_shots(truth, rivals, SIGMA, "from", 0.01)
+    assert shots[-1].why == "from near"
 
 
 def test_a_problem_with_other_balls_has_their_places_as_unknowns(tmp_path: Path) -> None:
