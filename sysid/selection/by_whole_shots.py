@@ -22,7 +22,8 @@ import numpy as np
 from models.effect import Effect
 from sysid.estimation.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.fitting import fit, loss_soon
+from sysid.estimation.fitting import fit, fit_held_out, loss_soon
+from sysid.estimation.from_nothing import with_found_starts
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
@@ -128,8 +129,15 @@ class ByWholeShots(FitView):
         return self if now is None else dataclasses.replace(self, now=now)
 
     def searched(self) -> Self:
-        """Whole shots are not searched."""
-        return self
+        """The fit with shots that miss by more than noise begun where windows lead, where most are followed to it."""
+        if self.now.discrepancy_rate > 0.0:
+            return self
+        now, held = with_found_starts(self.now), self.now.held_out
+        if now is self.now:
+            return self
+        if self.parts.held_out is not None and held is not None:
+            now = dataclasses.replace(now, held_out=fit_held_out(now, self.parts.held_out, held.initial_states))
+        return dataclasses.replace(self, now=now)
 
     def continued(self) -> Self:
         """Every fit of whole shots goes on until it converges."""

@@ -124,7 +124,7 @@ def _ended(
         result = dataclasses.replace(result, unexplained=described, explained=now)
     else:
         losses = plain.linearised([one for one in candidates_for(last.model) if one.name not in result.refuted])
-        stability = stability_of(plain.point, verdict, losses, plain.design_effect)
+        stability = stability_of(plain.point, verdict, losses, plain.design_effect, error_rate)
         result = dataclasses.replace(result, unexplained=remainder(last), stability=stability)
     shots = propose_next(result.parts, result.last, result.rounds, result.verdict, error_rate)
     return dataclasses.replace(result, next_shots=shots)

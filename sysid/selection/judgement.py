@@ -95,9 +95,14 @@ class Threshold:
         """Log odds of what is sure."""
         return math.log((1.0 - self.error_rate) / self.error_rate)
 
+    @property
+    def least(self) -> float:
+        """Log odds over nothing of a cause that is sure."""
+        return math.log(self.count) + self.sure
+
     def is_passed(self, one: Judged[V]) -> bool:
         """Whether it is sure, and held-out shots do not speak against it."""
-        return one.holds and one.log_odds > math.log(self.count) + self.sure and one.over_scatter > self.sure
+        return one.holds and one.log_odds > self.least and one.over_scatter > self.sure
 
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
@@ -175,9 +180,13 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
     """
     pull = information @ away - gradient  # gradient where the parameters do nothing, downwards
     sizes = _covariances(unknowns)
-    shared = [log_odds(information.sum(axis=0), pull.sum(axis=0), one) for one in sizes]
     own = [sum(log_odds(*shot, one) for shot in zip(information, pull, strict=True)) for one in sizes]
-    return mean_odds(np.array(shared)) - mean_odds(np.array(own))
+    return own_odds(information.sum(axis=0), pull.sum(axis=0), unknowns) - mean_odds(np.array(own))
+
+
+def own_odds(information: Array, gradient: Array, unknowns: Sequence[Unknown]) -> float:
+    """Log odds of parameters over nothing, of a loss quadratic in them: (k, k) and, where they do nothing, (k,)."""
+    return mean_odds(np.array([log_odds(information, gradient, one) for one in _covariances(unknowns)]))
 
 
 def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:

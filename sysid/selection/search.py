@@ -225,6 +225,9 @@ def without_needless(
             fewer = formula.without(part, view.point) if formula is not None else None
             less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
         at = judged(less, view.beside(less), unknowns)
+        if threshold.is_passed(at) and (again := less.searched()) is not less:
+            less = again  # what looks like a cause may be a shot that is said to begin elsewhere
+            at = judged(less, view.beside(less), unknowns)
         if threshold.is_passed(at):
             break
         log.info("%s is not needed", part if isinstance(part, str) else part[0].group)

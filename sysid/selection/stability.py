@@ -2,26 +2,27 @@
 
 In: a fit with its named effects, and the quadratic losses of its shots (`Linearised`). Out: `Stability`.
 
-Clips are drawn with replacement, as many as there are, and effects are selected anew for every draw: beginning without
-any, the one with the largest delta BIC is added as long as that suffices, and one that is no longer needed is dropped
-(the bootstrap: B. Efron, Annals of Statistics 7, 1979). Fits would take hours. The losses, quadratic about the last
-fit, need seconds; far from that fit they are rough. What held-out clips have refuted is no candidate.
+Clips are drawn with replacement, as many as there are, and effects are selected anew for every draw by the rule by
+which they were found (judgement.py): beginning without any, the likeliest that passes is added, and one that no longer
+passes is dropped (the bootstrap: B. Efron, Annals of Statistics 7, 1979). Fits would take hours. The losses, quadratic
+about the last fit, need seconds; far from that fit they are rough. What held-out clips have refuted is no candidate.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
-from sysid.selection.score import Linearised, add_known
+from sysid.selection.judgement import ERROR_RATE, Threshold, Unknown, over_scatter, own_odds, unknowns_of
+from sysid.selection.score import Linearised, add_known, candidate
+from sysid.selection.view import projected_on
 
 DRAWS, SEED = 100, 0
-MIN_DELTA_BIC = 10.0  # for an effect to be selected ("very strong", Kass and Raftery 1995)
 LEAST_SHARE = 1e-9  # added to the diagonal, where nothing tells of an unknown
 
 
@@ -43,19 +44,25 @@ class _Block:
     absent: Array  # change of the unknowns at which it vanishes
     low: Array  # bounds of these changes
     high: Array
+    known: tuple[Unknown, ...]  # what is known of them beforehand; middles count from where it vanishes
+
+    @property
+    def sized(self) -> Index:
+        """Those whose size counts; a place is shared by all shots in any case."""
+        return np.flatnonzero([one.sized for one in self.known])
 
 
 @dataclass(frozen=True)
 class _Draw:
     """Losses of drawn shots, quadratic in all unknowns, and what speaks for an effect there."""
 
-    seen: Linearised
-    weights: Array  # (n,) how often a shot was drawn, over the design effect
-    matrix: Array  # (u, u)
+    information: Array  # (n, u, u) of each shot, as often as it was drawn
+    gradients: Array  # (n, u)
+    matrix: Array  # (u, u) of all, and of what is known beside them
     gradient: Array  # (u,)
     constants: Index  # unknowns that are always free
     blocks: tuple[_Block, ...]
-    penalty: float  # of delta BIC for every unknown
+    threshold: Threshold
 
     def best(self, chosen: frozenset[int]) -> Array:
         """Change of the unknowns (u,) at which the loss with some of the effects is least."""
@@ -63,7 +70,7 @@ class _Draw:
         for block in self.blocks:
             change[block.columns] = block.absent
         some = [self.blocks[k] for k in sorted(chosen)]
-        free = np.concatenate([self.constants, *(block.columns for block in some)])
+        free = self._free(chosen)
         change[free] = 0.0
         own = self.matrix[np.ix_(free, free)]
         scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
@@ -76,24 +83,39 @@ class _Draw:
         change[free] = found
         return change
 
-    def loss(self, change: Array) -> float:
-        """The loss after a change of the unknowns, less that before."""
-        return float(change @ (self.gradient + 0.5 * self.matrix @ change))
+    def odds(self, without: frozenset[int]) -> Callable[[int], float]:
+        """Log odds of an effect beside some."""
+        change = self.best(without)
+        pull = self.gradient + self.matrix @ change
+        free = self._free(without)
+        own = self.matrix[np.ix_(free, free)]
+        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        scaled = own / np.outer(scale, scale) + LEAST_SHARE * np.eye(len(free))
+        lift = np.linalg.solve(scaled, self.matrix[free] / scale[:, None]) / scale[:, None]
 
-    def shot_losses(self, change: Array) -> Array:
-        """The same of every shot: (n,)."""
-        each = self.seen.gradient @ change + 0.5 * np.einsum("u,nuv,v->n", change, self.seen.information, change)
-        return self.weights * each
+        def of(k: int) -> float:
+            rows = self.blocks[k].columns
+            information = self.matrix[np.ix_(rows, rows)] - self.matrix[np.ix_(rows, free)] @ lift[:, rows]
+            gradient = pull[rows] - lift[:, rows].T @ pull[free]
+            return own_odds(information, gradient, self.blocks[k].known)
 
-    def delta_bic(self, less: Array, more: Array, block: _Block) -> float:
-        """Evidence for an effect, from the unknowns without and with it."""
-        return 2 * (self.loss(less) - self.loss(more)) - len(block.columns) * self.penalty
+        return of
 
-    def is_enough(self, less: Array, more: Array, block: _Block) -> bool:
-        """Whether it suffices, without the shot that speaks most for it as well."""
-        gain = self.delta_bic(less, more, block)
-        top = 2 * float(np.max(self.shot_losses(less) - self.shot_losses(more)))
-        return gain - max(top, 0.0) > MIN_DELTA_BIC
+    def is_shared(self, without: frozenset[int], k: int) -> bool:
+        """Whether an effect beside some is likelier than that each shot has a size of it of its own."""
+        block = self.blocks[k]
+        change = self.best(without | {k})
+        at = np.concatenate([self._free(without), block.columns])
+        place = len(at) - len(block.columns) + block.sized
+        here = self.gradients + self.information @ change
+        told = projected_on(self.information[:, at[:, None], at], here[:, at], place)
+        away = (change[block.columns] - block.absent)[block.sized]
+        known = [block.known[j] for j in block.sized]
+        return over_scatter(away, known, *told) > self.threshold.sure
+
+    def _free(self, chosen: frozenset[int]) -> Index:
+        """Numbers of the unknowns that are free with some of the effects."""
+        return np.concatenate([self.constants, *(self.blocks[k].columns for k in sorted(chosen))])
 
     def selected(self) -> frozenset[int]:
         """Numbers of the effects that are selected."""
@@ -106,32 +128,31 @@ class _Draw:
         return chosen
 
     def _added(self, chosen: frozenset[int]) -> int | None:
-        """The effect to add next; None where no evidence suffices."""
-        now, names = self.best(chosen), {self.blocks[k].name for k in chosen}
-        found = {k: self.best(chosen | {k}) for k, block in enumerate(self.blocks) if block.name not in names}
-        gains = {k: self.delta_bic(now, at, self.blocks[k]) for k, at in found.items()}
-        for k in sorted(gains, key=lambda k: -gains[k]):
-            if gains[k] <= MIN_DELTA_BIC:
+        """The effect to add next; None where none passes."""
+        names, odds = {self.blocks[k].name for k in chosen}, self.odds(chosen)
+        found = {k: odds(k) for k, block in enumerate(self.blocks) if block.name not in names}
+        for k in sorted(found, key=lambda k: -found[k]):
+            if found[k] <= self.threshold.least:
                 break
-            if self.is_enough(now, found[k], self.blocks[k]):
+            if self.is_shared(chosen, k):
                 return k
         return None
 
     def _without_needless(self, chosen: frozenset[int]) -> frozenset[int]:
-        """The effects without those that are no longer needed beside the others."""
+        """The effects without those that no longer pass beside the others."""
         while len(chosen) > 1:
-            now = self.best(chosen)
-            worth = {k: self.delta_bic(self.best(chosen - {k}), now, self.blocks[k]) for k in sorted(chosen)}
+            worth = {k: self.odds(chosen - {k})(k) for k in sorted(chosen)}
             least = min(worth, key=worth.__getitem__)
-            if worth[least] > MIN_DELTA_BIC:
+            if worth[least] > self.threshold.least and self.is_shared(chosen - {least}, least):
                 break
             chosen -= {least}
         return chosen
 
 
 def stability_of(
-    point: Point, verdict: Sequence[str], seen: Linearised, design_effect: float, draws: int = DRAWS
-) -> Stability:
+    point: Point, verdict: Sequence[str], seen: Linearised, design_effect: float, error_rate: float = ERROR_RATE,
+    draws: int = DRAWS,
+) -> Stability:  # fmt: skip
     """How often the effects of a verdict return.
 
     Args:
@@ -139,18 +160,20 @@ def stability_of(
         verdict: their names.
         seen: the quadratic losses of its shots, with other candidates.
         design_effect: by how much less than that the shots tell.
+        error_rate: of an effect that is selected.
         draws: of as many clips as there are.
     """
     blocks = _blocks(point, verdict, seen)
     constants = np.array([k for k, name in enumerate(point.names) if name.split(".")[0] not in verdict])
-    clips = len(seen.information)
-    drawn = np.random.default_rng(SEED).multinomial(clips, np.full(clips, 1 / clips), draws) / design_effect
-    penalty = float(np.log(max(seen.count / design_effect, 2.0)))
+    clips, threshold = len(seen.information), Threshold(max(len({one.name for one in blocks}), 1), error_rate)
+    drawn = np.random.default_rng(SEED).multinomial(clips, np.full(clips, 1 / clips), draws)
     found, same = Counter(dict.fromkeys(verdict, 0)), 0
-    for weights in drawn:
-        matrix, gradient = np.tensordot(weights, seen.information, 1), weights @ seen.gradient
+    for times in drawn:
+        of = np.repeat(np.arange(clips), times)
+        information, gradients = seen.information[of] / design_effect, seen.gradient[of] / design_effect
+        matrix, gradient = information.sum(axis=0), gradients.sum(axis=0)
         add_known(matrix, gradient, point, seen.signatures)
-        draw = _Draw(seen, weights, matrix, gradient, constants, blocks, penalty)
+        draw = _Draw(information, gradients, matrix, gradient, constants, blocks, threshold)
         names = {blocks[k].name for k in draw.selected()}
         found.update(names)
         same += names == set(verdict)
@@ -166,11 +189,16 @@ def _blocks(point: Point, verdict: Sequence[str], seen: Linearised) -> tuple[_Bl
         here, meta = point.constants[rows], [point.model.meta(point.names[k]) for k in rows]
         absent = np.array([c if m["off"] is None else m["off"] for m, c in zip(meta, here, strict=True)])
         low, high = np.array([m["bounds"] for m in meta], float).T - here
-        found.append(_Block(name, np.array(rows), absent - here, low, high))
+        kind = next(type(one) for one in point.model.effects if one.name() == name)
+        known = tuple(unknowns_of(candidate(kind), point.names))
+        found.append(_Block(name, np.array(rows), absent - here, low, high, known))
     start = len(point.names)
     for one in seen.signatures:
         bounds = (one.candidate.bounds() - one.candidate.off()[:, None]) / one.probe[:, None]
         columns = np.arange(start, start + len(one.probe))
-        found.append(_Block(one.candidate.name, columns, np.zeros(len(columns)), *bounds.T))
+        usual = np.abs(one.candidate.usual()) / one.probe
+        known = tuple(Unknown(key, 0.0, size, True) for key, size in zip(one.candidate.keys, usual, strict=True))
+        low, high = bounds.T
+        found.append(_Block(one.candidate.name, columns, np.zeros(len(columns)), low, high, known))
         start += len(columns)
     return tuple(found)

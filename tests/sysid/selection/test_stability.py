@@ -56,15 +56,16 @@ def test_an_effect_that_every_shot_shows_returns_in_every_draw() -> None:
     assert found.times == {"air_drag": found.draws} and found.same == found.draws
 
 
-def test_an_effect_that_one_shot_shows_never_returns() -> None:
-    assert seen(everywhere=0.5, some=(7,)).times == {"air_drag": 100}
+def test_what_few_shots_show_and_the_others_do_not_never_returns() -> None:
+    """They depart by themselves: what they say of its size is not what the others say."""
+    for some in ((7,), (7, 8, 9)):
+        assert seen(everywhere=0.5, some=some).times == {"air_drag": 100}
 
 
-def test_an_effect_that_three_shots_show_returns_where_enough_of_them_are_drawn() -> None:
-    found = seen(everywhere=0.5, some=(7, 8, 9))
-    assert 0.1 * found.draws < found.times["speed_drag"] < 0.7 * found.draws
-    assert found.times["air_drag"] == found.draws
-    assert found.same == found.draws - found.times["speed_drag"]
+def test_the_more_every_shot_shows_of_an_effect_the_more_often_it_returns() -> None:
+    times = [seen(everywhere=size).times["air_drag"] for size in (0.08, 0.11, 0.14, 0.3)]
+    assert times == sorted(times) and times[-1] == 100
+    assert any(10 < one < 90 for one in times)
 
 
 def test_an_effect_that_hardly_shows_returns_seldom() -> None:
@@ -74,7 +75,7 @@ def test_an_effect_that_hardly_shows_returns_seldom() -> None:
 
 def test_nothing_returns_where_nothing_shows() -> None:
     found = seen(everywhere=0.0, verdict=())
-    assert found.times == {} and found.same == found.draws
+    assert found.same >= 0.95 * found.draws, "but for the error rate"
 
 
 def test_what_else_comes_up_is_told_where_it_does_so_often() -> None:
