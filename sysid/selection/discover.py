@@ -60,7 +60,7 @@ def discover(
         view = ByWholeShots(parts, in_any_case(parts, now))
         whole = Found(view, found.verdict, found.formula, found.dropped)
         if found.verdict and found.formula is None:
-            result = _with_step(result, found.verdict, view.now, found.dropped)
+            result = result.with_step(view.now, found.verdict, found.dropped)
             show(result)
     while True:
         result, whole = _searched(result, whole, error_rate, show)
@@ -80,20 +80,9 @@ def _searched(
     for now, seen in search(found, error_rate):
         result = dataclasses.replace(result, rounds=(*result.rounds, seen))
         if show is not None and seen.best is not None and now.formula is None:
-            result = _with_step(result, now.verdict, now.view.fitted, now.dropped)
+            result = result.with_step(now.view.fitted, now.verdict, now.dropped)
             show(result)
     return result, now
-
-
-def _with_step(
-    result: DiscoveryResult, verdict: tuple[str, ...], now: FittedModel, dropped: tuple[str, ...]
-) -> DiscoveryResult:
-    """The ladder with another last fit, after those that have only effects of its verdict."""
-    steps = [(s, v) for s, v in zip(result.ladder, result.verdicts, strict=True) if set(v) < set(verdict)]
-    steps.append((now, verdict))
-    return dataclasses.replace(
-        result, ladder=tuple(s for s, _ in steps), verdicts=tuple(v for _, v in steps), pruned=dropped
-    )
 
 
 def _ended(
@@ -115,8 +104,8 @@ def _ended(
     verdict, formula = found.verdict, found.formula
     plain = view if formula is None else view.without(EFFECT_NAME)
     last = now if formula is None else played(plain)
-    if verdict:
-        result = _with_step(result, verdict, last, found.dropped)
+    if verdict or result.verdict:  # what was named on the way may be dropped again
+        result = result.with_step(last, verdict, found.dropped)
     if formula is not None:
         seen = judged(plain.beside(view), view, unknowns_of_terms(formula.terms)).evidence
         described = describe(formula, now, seen)

@@ -78,6 +78,16 @@ class DiscoveryResult:
         """Effects with evidence in the training clips whose fits followed the held-out ones worse."""
         return frozenset(name for one in self.rounds for name in one.refuted)
 
-    def with_step(self, now: FittedModel, verdict: tuple[str, ...]) -> DiscoveryResult:
-        """The ladder with one fit more."""
-        return dataclasses.replace(self, ladder=(*self.ladder, now), verdicts=(*self.verdicts, verdict))
+    def with_step(self, now: FittedModel, verdict: tuple[str, ...], dropped: tuple[str, ...]) -> DiscoveryResult:
+        """The ladder with another last fit, after those that have only effects of its verdict.
+
+        Args:
+            now: the fit.
+            verdict: its effects.
+            dropped: those that were named and are no longer.
+        """
+        steps = [(s, v) for s, v in zip(self.ladder, self.verdicts, strict=True) if set(v) < set(verdict)]
+        steps.append((now, verdict))
+        return dataclasses.replace(
+            self, ladder=tuple(s for s, _ in steps), verdicts=tuple(v for _, v in steps), pruned=dropped
+        )
