@@ -66,8 +66,8 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
 
     A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
-    function or a term is likeliest, it is fitted first: what has its shape is looked for, and fitted, at the constants
-    beside it.
+    function or a term is likeliest, and sure, it is fitted first: what has its shape is looked for, and fitted, at the
+    constants beside it.
 
     Args:
         view: the fit.
@@ -80,7 +80,7 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     if first.log_odds <= threshold.sure:
         return _added(view, view, view, seen, formula, threshold)
     less = view.continued()
-    if first.name not in seen.named:
+    if first.name not in seen.named and first.log_odds > threshold.least:
         start = view.with_effect(seen.row(first)).searched().stripped(first.name)
         there = look(start.point, start.scores, formula, named)
         found = _added(view, start, less.beside(start), there, formula, threshold)
