@@ -310,7 +310,9 @@ def covariance(
     if not determined.any():
         return out
     k = np.ix_(determined, determined)
-    inverse = np.linalg.pinv(h[k])
+    size = np.sqrt(np.diag(h)[determined])
+    scale = np.outer(size, size)
+    inverse = np.linalg.pinv(h[k] / scale, hermitian=True) / scale  # so no variance is below 0, however alike two are
     g = gradient[:, determined] / correlation_time
     g = g[np.any(g != 0, axis=1)]
     n = max(len(g), 1)

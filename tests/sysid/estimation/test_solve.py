@@ -329,6 +329,21 @@ def test_steps_are_logged(caplog: pytest.LogCaptureFixture) -> None:
     assert all(later <= earlier for (*_, earlier), (*_, later) in itertools.pairwise(steps))  # type: ignore[misc]
 
 
+@pytest.mark.parametrize("apart", [1e-6, 3e-8, 1e-8, 3e-9, 0.0])
+def test_constants_that_hardly_differ_have_no_variance_below_zero(apart: float) -> None:
+    """Two steps at one place, say; and what is known of another constant does not depend on its unit."""
+    rng, units = np.random.default_rng(8), np.array([1.0, 1e-6, 1e4, 1e4])
+    for _ in range(100):
+        rows = rng.normal(size=(3, 40, 4))
+        rows[..., 3] = rows[..., 2] + apart * rng.normal(size=rows.shape[:2])
+        rows *= units
+        information = np.swapaxes(rows, 1, 2) @ rows
+        found = covariance(information, np.zeros((3, 4)), 1e9 / units)
+        assert (np.diag(found) >= 0.0).all() and np.isfinite(found).all()
+        own = covariance(information[:, :2, :2], np.zeros((3, 2)), 1e9 / units[:2])
+        assert found[1, 1] == pytest.approx(own[1, 1], rel=0.5)
+
+
 def test_singular_systems_are_regularised() -> None:
     """What is determined is solved, what is not stays, and the other systems are not touched."""
     good, right = np.array([[2.0, 1.0], [1.0, 3.0]]), np.ones((3, 2, 1))
