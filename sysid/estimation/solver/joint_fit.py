@@ -44,6 +44,7 @@ NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along any direction
 ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
 ARRIVED_SD = 0.02  # of a standard deviation: a predicted step that is small enough
 MIN_WIDTH_SD = 4.0  # standard deviations of a constant that must fit into its bounds, or the data do not determine it
+LEAST_SHARE = 1e-12  # of what tells of each constant, that tells of any direction: about what rounding leaves
 log = logging.getLogger(__name__)
 
 
@@ -312,7 +313,8 @@ def covariance(
     k = np.ix_(determined, determined)
     size = np.sqrt(np.diag(h)[determined])
     scale = np.outer(size, size)
-    inverse = np.linalg.pinv(h[k] / scale, hermitian=True) / scale  # so no variance is below 0, however alike two are
+    value, way = np.linalg.eigh(h[k] / scale)
+    inverse = way / np.maximum(value, LEAST_SHARE) @ way.T / scale  # of a direction rounding may leave less than none
     g = gradient[:, determined] / correlation_time
     g = g[np.any(g != 0, axis=1)]
     n = max(len(g), 1)

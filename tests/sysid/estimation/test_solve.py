@@ -337,7 +337,8 @@ def test_constants_that_hardly_differ_have_no_variance_below_zero(apart: float) 
         rows = rng.normal(size=(3, 40, 4))
         rows[..., 3] = rows[..., 2] + apart * rng.normal(size=rows.shape[:2])
         rows *= units
-        information = np.swapaxes(rows, 1, 2) @ rows
+        rounding = 1e-11 * rng.normal(size=(3, 4, 4)) * np.outer(units, units)
+        information = np.swapaxes(rows, 1, 2) @ rows + rounding + np.swapaxes(rounding, 1, 2)
         found = covariance(information, np.zeros((3, 4)), 1e9 / units)
         assert (np.diag(found) >= 0.0).all() and np.isfinite(found).all()
         own = covariance(information[:, :2, :2], np.zeros((3, 2)), 1e9 / units[:2])
