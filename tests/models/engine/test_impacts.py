@@ -8,16 +8,17 @@ import pytest
 from models import record as rec
 from models.engine.impacts import crowded, describe, part
 from models.engine.motion import POTTED
-from models.shot import NOSE_COSINE, NOSE_SINE, Array
+from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, Array, Session
 
 R, REACH = 0.02625, np.array([1.75, 0.85])  # radius, and limits of centres [m]
+SESSION = Session(0.3, 14.0, 2.5, 80.0, 2.0, 1.0)
 HALF, NO_MOUTHS = np.array([1.77, 0.88]), np.zeros(3)
 
 
 def told(cushion: bool, one: Array, two: Array, normal: tuple[float, float]) -> Array:
     """The record of an impact of bodies (x, y, vx, vy, wx, wy, wz)."""
     h = np.zeros(rec.IMPACT_FIELDS)
-    describe(h, cushion, 0, 1, one, two, *normal, R, 3, 0.5)
+    describe(h, cushion, 0, 1, one, two, *normal, R, SESSION.row, 0.5)
     return h
 
 
@@ -35,6 +36,8 @@ def test_slip_is_that_of_the_points_that_touch(cushion: bool) -> None:
         assert h[rec.APPROACH] == pytest.approx((one[2:4] - (not cushion) * two[2:4]) @ n[:2], rel=1e-12)
         assert h[rec.SLIP] == pytest.approx(np.linalg.norm(relative - (relative @ at) * at), rel=1e-9)
         assert h[rec.CUSHION_HIT] == cushion
+        assert np.array_equal(h[rec.HIT_SESSION : rec.HIT_SESSION + SESSION_FIELDS], SESSION.row)
+        assert h[rec.HIT_TIME] == 0.5 and h[rec.RESTITUTION] == 0.0
         assert (h[rec.HIT_X], h[rec.HIT_Y], h[rec.HIT_VX], h[rec.HIT_VY]) == tuple(one[:4])
 
 

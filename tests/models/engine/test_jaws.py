@@ -12,7 +12,7 @@ from models.analytic.pocket import JAW_RAILS, pockets_of
 from models.engine.impacts import ask_rows, part_rows
 from models.engine.play import finish, play
 from models.model_file import Model, effect_class, full_model
-from models.shot import Ball, Shot, Table, Track
+from models.shot import UNKNOWN_SESSION, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
@@ -109,8 +109,10 @@ def test_effects_are_told_the_rail_of_a_jaw_and_its_own_normal() -> None:
     p = np.zeros((1, 1, 3))
     p[0, 0, :2] = jaw[:2] + jaw[2] * np.array([-0.6, 0.8])
     v, none, one, hit = np.array([[[0.5, 0.0, 0.0]]]), np.zeros(1), np.zeros(1, int), np.zeros((1, rec.IMPACT_FIELDS))
-    no_hooks = np.zeros((0, 2), np.int64)
-    ask_rows(True, p, v, 0 * v, one, np.full(1, 6), POCKETS.jaws, R, none, none, np.zeros((1, 1)), one, no_hooks, hit)
+    no_hooks, session = np.zeros((0, 2), np.int64), UNKNOWN_SESSION.row[None]
+    ask_rows(
+        True, p, v, 0 * v, one, np.full(1, 6), POCKETS.jaws, R, session, none, np.zeros((1, 1)), one, no_hooks, hit
+    )
     assert hit[0, rec.APPROACH] == pytest.approx(0.3)
     assert hit[0, rec.SECOND] == JAW_RAILS[2]
 
