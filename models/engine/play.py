@@ -254,7 +254,8 @@ def finish(
         raise ValueError(f"friction {game.cloth[:, :2].min()} of sliding or rolling: without any give a finite end")
     start = np.concatenate([p, v, w, np.zeros((n, nball, 1))], axis=2)
     stays, struck = np.zeros((n, nball), np.bool_), np.ones(n, np.bool_)
-    return run(game, start, stays, struck, np.zeros((n, SESSION_FIELDS)), end, np.zeros((n, 0)), events, threads, most, clusters)[0]
+    session, times = np.zeros((n, SESSION_FIELDS)), np.zeros((n, 0))
+    return run(game, start, stays, struck, session, end, times, events, threads, most, clusters)[0]
 
 
 def play(
