@@ -48,7 +48,7 @@ class Setup:
     elevation: float  # of the cue [rad]
 
 
-class Session:
+class ViewedWorld:
     """A world, its MjData, and the stroke that is played there."""
 
     def __init__(self, model: Model, setup: Setup, timestep: float = STEP_S) -> None:
@@ -80,7 +80,7 @@ class Session:
 
 
 def watch(
-    session: Session, show: Show, *, pace: float = 1.0, clock: Callable[[], float] = time.monotonic,
+    session: ViewedWorld, show: Show, *, pace: float = 1.0, clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> None:  # fmt: skip
     """Play in a viewer until it is closed; the first stroke at once.
@@ -128,7 +128,7 @@ def require_display() -> None:
             raise BadInput(f"no window can be opened on display {os.environ.get('DISPLAY', '')!r}; {remedy}")
 
 
-def open_viewer(session: Session, pace: float) -> None:
+def open_viewer(session: ViewedWorld, pace: float) -> None:
     """Play in MuJoCo's viewer until its window is closed.
 
     Raises:
@@ -146,7 +146,7 @@ def open_viewer(session: Session, pace: float) -> None:
 
 
 def write_frames(
-    session: Session, folder: Path, count: int, fps: float, camera: str, size: tuple[int, int]
+    session: ViewedWorld, folder: Path, count: int, fps: float, camera: str, size: tuple[int, int]
 ) -> Sequence[Path]:  # fmt: skip
     """Pictures of the stroke, 0001.png and so on, the first as the ball is struck.
 

@@ -8,15 +8,12 @@ frames and write their report. Nothing is computed twice: the commands call the 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
-
-from threadpoolctl import threadpool_limits
+from typing import Any, TypeVar
 
 from models.console import Progress
 from models.files import made_folder
@@ -42,18 +39,6 @@ from sysid.selection.result import DiscoveryResult, Show
 SDS_OF_95_PERCENT = 1.96  # standard deviations to either side
 CALLED_FROM = "sysid.discover"  # what model files name as their origin
 Result = TypeVar("Result")
-P = ParamSpec("P")
-
-
-def on_one_blas_thread(function: Callable[P, Result]) -> Callable[P, Result]:
-    """The function, its matrices on one core: so they round alike on any machine. Shots are spread over the cores."""
-
-    @functools.wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> Result:
-        with threadpool_limits(limits=1, user_api="blas"):
-            return function(*args, **kwargs)
-
-    return call
 
 
 def _as(kind: type[Result], found: Any, **more: Any) -> Result:
@@ -194,25 +179,21 @@ class Discovery(Presented, DiscoveryResult):
         write_outcome(made_folder(folder), self.clips, self, Progress(), math.nan, CALLED_FROM)
 
 
-@on_one_blas_thread
 def compare(clips: ClipSet, model: Model | HasModel | None = None) -> ComparedClips:
     """Where a model fails: initial states fitted, its constants held."""
     return _as(ComparedClips, compare_clips(clips, _start(clips, model)))
 
 
-@on_one_blas_thread
 def fit(clips: ClipSet, model: Model | HasModel | None = None) -> FittedClips:
     """Every constant of a model fitted, each with its standard deviation; every fifth clip is held out."""
     return _as(FittedClips, fit_clips(clips, _start(clips, model)), clips=clips)
 
 
-@on_one_blas_thread
 def diagnose(clips: ClipSet, model: Model | HasModel | None = None, error_rate: float = ERROR_RATE) -> DiagnosedClips:
     """Which effect of the catalogue a model lacks, if any."""
     return _as(DiagnosedClips, diagnose_clips(clips, _start(clips, model), error_rate), clips=clips)
 
 
-@on_one_blas_thread
 def discover(
     clips: ClipSet, model: Model | HasModel | None = None, show: Show = lambda found: None,
     error_rate: float = ERROR_RATE,

@@ -282,19 +282,9 @@ def _through(  # type: ignore[no-untyped-def]
                     continue
             if approach > max(peak[c], MIN_IMPACT_SPEED):
                 peak[c] = approach
-                describe(
-                    hit,
-                    cushion,
-                    i,
-                    -1 - j if cushion else j,
-                    b[i],
-                    b[i if cushion else j],
-                    nx,
-                    ny,
-                    radius,
-                    session,
-                    now,
-                )
+                other = -1 - j if cushion else j
+                two = b[i if cushion else j]
+                describe(hit, cushion, i, other, b[i], two, nx, ny, radius, session, now)
                 ask(hit, hit.ctypes.data, own, impact)
                 damping[c] = damping_of(cushion, hit[rec.RESTITUTION], table)
                 mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]

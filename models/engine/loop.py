@@ -261,24 +261,9 @@ def play_shot(  # type: ignore[no-untyped-def]
             lean(i, now, leans, still)
         if pressed:
             _settle_pressed(
-                balls,
-                notes,
-                i,
-                j,
-                jaws,
-                state,
-                hit,
-                own,
-                impact,
-                cloth,
-                mass,
-                radius,
-                limits,
-                half,
-                mouths,
-                session,
+                balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session,
                 now,
-            )
+            )  # fmt: skip
         count[event] += 1
         if event == POCKET:
             pot(b, kind, i)

@@ -89,12 +89,12 @@ def view(progress: Progress, shown: Shown, stroke: GivenStroke, pace: float, pic
     """
     if (pictures.frames is None) != (pictures.out is None):
         raise BadInput("--frames and --out go together: --frames 50 --out DIR")
-    from planner.viewer import KEYS_TEXT, Session, open_viewer, require_display, write_frames
+    from planner.viewer import KEYS_TEXT, ViewedWorld, open_viewer, require_display, write_frames
 
     if pictures.out is None:
         require_display()
     model, made = setup(shown, stroke)
-    session = Session(model, made)
+    session = ViewedWorld(model, made)
     speed, azimuth, side, height = made.stroke
     print(f"{made.names[0]} at {speed:.2f} m/s, azimuth {azimuth:.4f} rad, "
           f"side {1e3 * side:+.1f} mm, height {1e3 * height:+.1f} mm")  # fmt: skip

@@ -21,6 +21,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel, as_model
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.open_cloth import OpenCloth
+from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import Split, split
 
 BAND_SHARE = 0.95  # of the residuals inside the predicted band
@@ -58,6 +59,7 @@ class ClipFit:
         return dataclasses.replace(self, parts=parts, fitted=fitted)
 
 
+@on_one_blas_thread
 def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> ClipFit:
     """Fit every constant of the model's stack to the training clips of a set.
 

@@ -22,6 +22,7 @@ from sysid.estimation.discrepancy import events_and_paths
 from sysid.estimation.initial_states import polished
 from sysid.estimation.problem import STATE_STEPS, Array, by_events
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
+from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.start_values import theta_noise
 from sysid.residuals.collect import joined, samples_of_segments, samples_of_shots
 from sysid.residuals.comparison import ClipRow, Comparison, SegmentRow
@@ -36,6 +37,7 @@ MOVED_M = 0.003  # a ball with a smaller range of positions rested
 log = logging.getLogger(__name__)
 
 
+@on_one_blas_thread
 def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comparison:
     """Compare whole clips and segments with a model.
 

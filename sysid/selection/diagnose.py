@@ -13,6 +13,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
+from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import Split, in_any_case, split
 from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.by_windows import ByWindows
@@ -50,6 +51,7 @@ class ClipDiagnosis:
         return tuple((one.name, one.evidence.log_odds) for one in self.diagnosis.screening.fits)
 
 
+@on_one_blas_thread
 def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) -> ClipDiagnosis:
     """Fit the model to the clips and search what it lacks, see `discover`; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)

@@ -17,6 +17,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
+from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import in_any_case, split
 from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.by_windows import ByWindows, settled
@@ -33,6 +34,7 @@ from sysid.selection.stability import stability_of
 log = logging.getLogger(__name__)
 
 
+@on_one_blas_thread
 def discover(
     clip_set: ClipSet, model: Model, show: Show = lambda found: None, error_rate: float = ERROR_RATE
 ) -> DiscoveryResult:

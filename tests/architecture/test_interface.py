@@ -48,23 +48,23 @@ def test_a_shot_in_three_lines() -> None:
 
 def test_a_fit_has_blas_on_one_thread_and_leaves_its_user_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """What it computes must not depend on how many cores there are."""
-    interface = importlib.import_module("sysid.interface")
+    room = importlib.import_module("sysid.estimation.clip_fit")
     seen = list[set[int]]()
 
     def threads() -> set[int]:
         return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
-    class Seen(Exception):
+    class Counted(Exception):
         """Threads were counted."""
 
     def count(*_: object) -> None:
         seen.append(threads())
-        raise Seen
+        raise Counted
 
-    monkeypatch.setattr(interface, "fit_clips", count)
+    monkeypatch.setattr(room, "split", count)
     clips = sysid.read_clips(EXAMPLE_FOLDER)
     with threadpool_limits(2, "blas"):
-        with pytest.raises(Seen):
+        with pytest.raises(Counted):
             sysid.fit(clips)
         assert seen == [{1}] and threads() == {2}
 

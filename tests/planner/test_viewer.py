@@ -23,7 +23,7 @@ from planner.cli.view import GivenStroke, Shown, setup, view
 from planner.example_environment import example_scene
 from planner.planning import FORMAT
 from planner.scene import scene_dict
-from planner.viewer import RESET_KEY, STRIKE_KEY, Session, Setup, watch
+from planner.viewer import RESET_KEY, STRIKE_KEY, Setup, ViewedWorld, watch
 from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS
 from sysid.clips import read_clip_set
 from tests.support.running_clips import cut_in_motion, written_running
@@ -67,7 +67,7 @@ class Stand:
 def watched(pictures: int, keys: dict[int, int], pace: float = 1.0) -> list[tuple[float, float, float]]:
     """Time, place and speed of the white in every picture."""
     stand = Stand(pictures, keys)
-    watch(Session(MODEL, SETUP), stand.open, pace=pace, clock=stand.clock, sleep=stand.sleep)
+    watch(ViewedWorld(MODEL, SETUP), stand.open, pace=pace, clock=stand.clock, sleep=stand.sleep)
     return stand.seen
 
 
@@ -90,13 +90,13 @@ def test_space_strikes_again_and_r_puts_the_balls_back() -> None:
 
 def test_a_computer_that_falls_behind_loses_time_not_steps() -> None:
     stand = Stand(4, {})
-    watch(Session(MODEL, SETUP), stand.open, clock=stand.clock, sleep=lambda _: stand.sleep(10.0))
+    watch(ViewedWorld(MODEL, SETUP), stand.open, clock=stand.clock, sleep=lambda _: stand.sleep(10.0))
     assert np.diff([t for t, _, _ in stand.seen]) == pytest.approx([0.1] * 3, abs=1e-9)
 
 
 def test_a_potted_cue_ball_is_struck_from_where_it_began() -> None:
     setup = dataclasses.replace(SETUP, position=np.array([[1.3, 0.4], [0.0, 0.0]]))
-    session = Session(MODEL, dataclasses.replace(setup, stroke=(1.5, math.atan2(0.489, 0.4845), 0.0, 0.0)))
+    session = ViewedWorld(MODEL, dataclasses.replace(setup, stroke=(1.5, math.atan2(0.489, 0.4845), 0.0, 0.0)))
     session.strike()
     session.world.step(session.data, 1000)
     assert session.world.in_play(session.data) == ("red",)
