@@ -15,10 +15,9 @@ import numpy as np
 
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.initial_states import fit_states, shot_losses, shot_scores, within_noise
-from sysid.estimation.problem import CAUCHY_SD, Array, shared_constants
+from sysid.estimation.problem import Array, shared_constants
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
-from sysid.estimation.solver.joint_fit import Solution, StoppingRule, eliminated, fit_joint
-from sysid.estimation.solver.least_squares import differences
+from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint, reduced_system
 from sysid.estimation.state_search import BETTER_LOSS, EFFORTS, searched_states
 
 CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
@@ -162,9 +161,7 @@ def _open_residuals(found: FittedModel, problem: ShotProblem, x: Array, r: Array
     """
     seen, c, rows = problem.with_discrepancy(found.discrepancy_rate), found.constants, np.arange(len(x))
     shared = shared_constants(seen.model, seen.names, seen.known)
-    shots = eliminated(
-        *differences(seen.evaluate, x, c, rows, seen.steps, shared.steps_from(c)), x, seen.prior, CAUCHY_SD
-    )
+    shots = reduced_system(seen.objective(), x, c, shared)
     known = np.isfinite(np.diag(found.covariance))
     covariance = np.diag(shared.width**2)
     covariance[np.ix_(known, known)] = found.covariance[np.ix_(known, known)]

@@ -142,16 +142,26 @@ class Cause:
     gain: float  # fall of chi-square by these, predicted
 
 
-def log_odds(information: Array, gradient: Array, covariance: Array) -> float:
-    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module."""
+def log_odds(information: Array, gradient: Array, covariance: Array) -> Array:
+    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module.
+
+    Args:
+        information: (..., k, k) of the losses.
+        gradient: (..., k) where the unknowns do nothing.
+        covariance: (..., k, k) of the unknowns.
+    """
     root = np.linalg.cholesky(_regular(covariance))
-    matrix, right = np.eye(len(root)) + root.T @ information @ root, root.T @ gradient
-    return float(0.5 * right @ np.linalg.solve(matrix, right) - 0.5 * np.linalg.slogdet(matrix)[1])
+    across = np.swapaxes(root, -1, -2)
+    matrix, right = np.eye(root.shape[-1]) + across @ information @ root, across @ gradient[..., None]
+    fall = np.sum(right * np.linalg.solve(matrix, right), axis=(-1, -2))
+    return np.asarray(0.5 * fall - 0.5 * np.linalg.slogdet(matrix)[1])
 
 
 def _regular(covariance: Array) -> Array:
-    """That has an inverse."""
-    return np.asarray(covariance + LEAST_VARIANCE * np.trace(covariance) / len(covariance) * np.eye(len(covariance)))
+    """That has an inverse: (..., k, k)."""
+    k = covariance.shape[-1]
+    mean = np.trace(covariance, axis1=-2, axis2=-1)[..., None, None] / k
+    return np.asarray(covariance + LEAST_VARIANCE * mean * np.eye(k))
 
 
 def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
@@ -178,16 +188,16 @@ def cause_of(scores: Scores, usual: dict[str, Array], names: Sequence[str], bloc
         priors = [np.diag((size * size_of) ** 2) for size in USUAL_SIZES]
     else:
         priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
-    odds = np.array([log_odds(information, gradient, prior) for prior in priors])
+    odds = log_odds(information, gradient, np.stack(priors))
     prior = priors[int(np.argmax(odds))]
     mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
     gain = -float(2.0 * gradient @ mean + mean @ information @ mean)
-    return Cause(names[0], mean_odds(odds), block, mean, gain)
+    return Cause(names[0], float(mean_odds(odds)), block, mean, gain)
 
 
-def mean_odds(odds: Array) -> float:
-    """Log odds of something that is one of several things, each as likely as the others beforehand."""
-    return float(np.logaddexp.reduce(odds)) - math.log(len(odds))
+def mean_odds(odds: Array) -> Array:
+    """Log odds (...,) of what is one of n things, each as likely beforehand, from those of the things: (n, ...)."""
+    return np.asarray(np.logaddexp.reduce(odds, axis=0) - math.log(len(odds)))
 
 
 def free_candidates(free: Sequence[Block]) -> list[Candidate]:

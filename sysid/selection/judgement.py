@@ -150,21 +150,21 @@ def _away(view: FitView, unknowns: Sequence[Unknown]) -> Array:
     return np.asarray(view.point.constants[_rows(view, unknowns)] - np.array([one.middle for one in unknowns]))
 
 
-def _covariances(unknowns: Sequence[Unknown]) -> list[Array]:
-    """Of what parameters may be, (k, k), for each size that they may have."""
+def covariances(unknowns: Sequence[Unknown]) -> Array:
+    """Of what parameters may be, for each of the n sizes that they may have: (n, k, k)."""
     sd, sized = np.array([one.sd for one in unknowns]), np.array([one.sized for one in unknowns])
-    return [np.diag(np.where(sized, size * sd, sd) ** 2) for size in USUAL_SIZES]
+    return np.array([np.diag(np.where(sized, size * sd, sd) ** 2) for size in USUAL_SIZES])
 
 
 def occam_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
     """What parameters lose by what they might have been, in log likelihood; see `judged`."""
     information = view.told_of(_rows(view, unknowns))[0].sum(axis=0)
     away, odds = _away(view, unknowns), []
-    for covariance in _covariances(unknowns):
+    for covariance in covariances(unknowns):
         both = np.eye(len(away)) + covariance @ information
         lost = float(away @ information @ np.linalg.solve(both, away)) + float(np.linalg.slogdet(both)[1])
         odds.append(-0.5 * lost)
-    return mean_odds(np.array(odds))
+    return float(mean_odds(np.array(odds)))
 
 
 def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, gradient: Array) -> float:
@@ -179,14 +179,10 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
         gradient: (n, k) of its loss, there.
     """
     pull = information @ away - gradient  # gradient where the parameters do nothing, downwards
-    sizes = _covariances(unknowns)
-    own = [sum(log_odds(*shot, one) for shot in zip(information, pull, strict=True)) for one in sizes]
-    return own_odds(information.sum(axis=0), pull.sum(axis=0), unknowns) - mean_odds(np.array(own))
-
-
-def own_odds(information: Array, gradient: Array, unknowns: Sequence[Unknown]) -> float:
-    """Log odds of parameters over nothing, of a loss quadratic in them: (k, k) and, where they do nothing, (k,)."""
-    return mean_odds(np.array([log_odds(information, gradient, one) for one in _covariances(unknowns)]))
+    sizes = covariances(unknowns)
+    own = log_odds(information, pull, sizes[:, None]).sum(axis=1)
+    shared = log_odds(information.sum(axis=0), pull.sum(axis=0), sizes)
+    return float(mean_odds(shared) - mean_odds(own))
 
 
 def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:

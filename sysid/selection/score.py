@@ -26,6 +26,7 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import eliminated
 from sysid.estimation.solver.least_squares import differences, weights
+from sysid.estimation.solver.normal_equations import from_jacobian
 
 PROBE_CHANGE_SD = 0.5  # change of the residuals that a probe aims at, median over shots
 FIRST_PROBE_OF_RANGE = 1e-3  # of the bounds' width
@@ -273,11 +274,10 @@ def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False
         else signature(point, r, one, quick or several[one.name] > 1)
         for one in candidates
     )
-    extra = np.concatenate([s.columns for s in signatures], axis=2) if signatures else np.zeros((*r.shape, 0))
-    j = np.concatenate([jc, extra], axis=2)
-    information, gradient, _, _ = eliminated(r, jx, j, x, problem.prior, CAUCHY_SD)
-    weight = weights(r, CAUCHY_SD)
-    marginal, chi2 = np.einsum("nm,nmk,nmk->k", weight, extra, extra), float(np.sum(weight * np.nan_to_num(r) ** 2))
+    normal = from_jacobian(r, np.concatenate([jx, jc, *(s.columns for s in signatures)], axis=2), CAUCHY_SD)
+    information, gradient, _, _ = eliminated(normal, x, problem.prior)
+    marginal = np.einsum("nkk->k", normal.matrix)[jx.shape[2] + jc.shape[2] :]
+    chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
     return Linearised(signatures, information, gradient, marginal, chi2, int(np.isfinite(r).sum()))
 
 

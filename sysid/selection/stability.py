@@ -11,14 +11,17 @@ about the last fit, need seconds; far from that fit they are rough. What held-ou
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
-from sysid.selection.judgement import ERROR_RATE, Threshold, Unknown, over_scatter, own_odds, unknowns_of
+from sysid.selection.free_forms import log_odds, mean_odds
+from sysid.selection.judgement import ERROR_RATE, Threshold, Unknown, covariances, over_scatter, unknowns_of
 from sysid.selection.score import Linearised, add_known, candidate
 from sysid.selection.view import projected_on
 
@@ -45,6 +48,11 @@ class _Block:
     low: Array  # bounds of these changes
     high: Array
     known: tuple[Unknown, ...]  # what is known of them beforehand; middles count from where it vanishes
+
+    @cached_property
+    def covariances(self) -> Array:
+        """See `judgement.covariances`."""
+        return covariances(self.known)
 
     @property
     def sized(self) -> Index:
@@ -83,8 +91,8 @@ class _Draw:
         change[free] = found
         return change
 
-    def odds(self, without: frozenset[int]) -> Callable[[int], float]:
-        """Log odds of an effect beside some."""
+    def odds(self, without: frozenset[int], numbers: Sequence[int]) -> dict[int, float]:
+        """Log odds of effects of these numbers beside some."""
         change = self.best(without)
         pull = self.gradient + self.matrix @ change
         free = self._free(without)
@@ -92,14 +100,21 @@ class _Draw:
         scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
         scaled = own / np.outer(scale, scale) + LEAST_SHARE * np.eye(len(free))
         lift = np.linalg.solve(scaled, self.matrix[free] / scale[:, None]) / scale[:, None]
+        projected = pull - lift.T @ pull[free]
+        found: dict[int, float] = {}
+        for _, few in groupby(sorted(numbers, key=self._size_of), self._size_of):  # those of one size at once
+            alike = list(few)
+            rows = np.array([self.blocks[k].columns for k in alike])
+            information = self.matrix[rows[:, :, None], rows[:, None]]
+            information = information - self.matrix[rows][:, :, free] @ np.moveaxis(lift[:, rows], 0, 1)
+            sizes = np.stack([self.blocks[k].covariances for k in alike], axis=1)
+            odds = mean_odds(log_odds(information, projected[rows], sizes))
+            found |= dict(zip(alike, odds.tolist(), strict=True))
+        return found
 
-        def of(k: int) -> float:
-            rows = self.blocks[k].columns
-            information = self.matrix[np.ix_(rows, rows)] - self.matrix[np.ix_(rows, free)] @ lift[:, rows]
-            gradient = pull[rows] - lift[:, rows].T @ pull[free]
-            return own_odds(information, gradient, self.blocks[k].known)
-
-        return of
+    def _size_of(self, k: int) -> int:
+        """How many unknowns an effect has."""
+        return len(self.blocks[k].columns)
 
     def is_shared(self, without: frozenset[int], k: int) -> bool:
         """Whether an effect beside some is likelier than that each shot has a size of it of its own."""
@@ -129,8 +144,8 @@ class _Draw:
 
     def _added(self, chosen: frozenset[int]) -> int | None:
         """The effect to add next; None where none passes."""
-        names, odds = {self.blocks[k].name for k in chosen}, self.odds(chosen)
-        found = {k: odds(k) for k, block in enumerate(self.blocks) if block.name not in names}
+        names = {self.blocks[k].name for k in chosen}
+        found = self.odds(chosen, [k for k, block in enumerate(self.blocks) if block.name not in names])
         for k in sorted(found, key=lambda k: -found[k]):
             if found[k] <= self.threshold.least:
                 break
@@ -141,7 +156,7 @@ class _Draw:
     def _without_needless(self, chosen: frozenset[int]) -> frozenset[int]:
         """The effects without those that no longer pass beside the others."""
         while len(chosen) > 1:
-            worth = {k: self.odds(chosen - {k})(k) for k in sorted(chosen)}
+            worth = {k: self.odds(chosen - {k}, [k])[k] for k in sorted(chosen)}
             least = min(worth, key=worth.__getitem__)
             if worth[least] > self.threshold.least and self.is_shared(chosen - {least}, least):
                 break

@@ -33,7 +33,7 @@ from sysid.estimation.solver.least_squares import (
     linearised,
     solve_each,
 )
-from sysid.estimation.solver.normal_equations import NormalEquations, from_jacobian
+from sysid.estimation.solver.normal_equations import NormalEquations
 from sysid.estimation.solver.spread import by_parts
 
 MAX_STALLED_STEPS = 2  # in a row that improve nothing
@@ -107,12 +107,8 @@ class ReducedSystem(NamedTuple):
     state_step: Array  # (n, p) A_xx^-1 g_x, less which initial states are at their best
 
 
-def eliminated(r: Array, jx: Array, jc: Array, x: Array, prior: Prior, cauchy_sd: float) -> ReducedSystem:
-    """From residuals (n, m) and their derivatives by initial states x (n, m, p) and constants (n, m, q)."""
-    return _eliminated(from_jacobian(r, np.concatenate([jx, jc], axis=2), cauchy_sd), x, prior)
-
-
-def _eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSystem:
+def eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSystem:
+    """From normal equations of initial states x (n, p), then of constants."""
     n, p = x.shape
     sd = np.broadcast_to(prior.sd, (n, p))
     axx = normal.matrix[:, :p, :p] + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
@@ -128,7 +124,7 @@ def _eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSyste
 def reduced_system(objective: Objective, x: Array, c: Array, shared: SharedConstants) -> ReducedSystem:
     """`eliminated`, from finite differences about initial states (n, p) and constants (q,)."""
     data = linearised(objective, x, c, np.arange(len(x)), shared.steps_from(c))
-    return _eliminated(data, x, objective.prior)
+    return eliminated(data, x, objective.prior)
 
 
 def fit_joint(
