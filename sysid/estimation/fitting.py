@@ -24,13 +24,12 @@ CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants ma
 MAX_ROUNDS = 20  # of reweighing and searching
 FINE_FIT = StoppingRule(15, 1e-6)
 COARSE_FIT = StoppingRule(10, 1e-4)
-SHORT_FIT = StoppingRule(4, 1e-5)
 HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where the model follows its clips, or not
 SETTLING_STEPS = 20  # of a shot that was searched anew
 log = logging.getLogger(__name__)
 
 
-def fit(start: Point, what: str = "") -> FittedModel:
+def fit(start: Point, what: str = "", searching: bool = True) -> FittedModel:
     """Constants and initial states from a start that is nearly right.
 
     Each shot counts as much as its own discrepancy lets it, so that those that are followed lead to where all are.
@@ -39,29 +38,32 @@ def fit(start: Point, what: str = "") -> FittedModel:
     Args:
         start: a problem, and where another fit has arrived or a candidate is expected.
         what: is fitted, for the log.
+        searching: whether shots that miss by more than most are searched for where they began.
     """
-    found = _in_turn(start, what)
+    found = _in_turn(start, what, searching)
     if found.discrepancy_rate > CLOSE_RATE:
-        found = _in_turn(found, f"{what}, all shots alike", alike=True)
+        found = _in_turn(found, f"{what}, all shots alike", searching, alike=True)
     return found
 
 
-def _in_turn(start: Point, what: str, alike: bool = False) -> FittedModel:
+def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> FittedModel:
     """Constants, discrepancies and initial states, found in turn until their likelihood stays.
 
     Shots count by their own discrepancies, or `alike` by that of the middle one.
-    Shots that miss by more than noise are searched again at the new constants, as long as that finds where they began;
+    Shots that miss by more than noise and than most shots do are searched again at the new constants, as long as that
+    finds where they began;
     where they are few, with more and more effort, up to the work of searching all. A model that does not follow the
     shots is fitted coarsely: what it lacks moves its constants by more.
     """
     problem, x, c = start.problem, start.initial_states, start.constants
-    tolerated, effort, searching, best = GROWING_RATE, 0, True, np.inf
+    tolerated, effort, searching, best = GROWING_RATE, 0, searches, np.inf
+    usual = start.discrepancy_rate
     for _ in range(MAX_ROUNDS):
         elsewhere = 0
         if searching:
-            x, elsewhere = _searched(problem, x, c, tolerated, EFFORTS[effort])
+            x, elsewhere = _searched(problem, x, c, tolerated, EFFORTS[effort], usual)
         _, own = shot_scores(problem, x, c)
-        tolerated = float(np.median(own))
+        tolerated = usual = float(np.median(own))
         problem = problem.with_own_rates(np.zeros_like(own) if alike else own)
         rule = COARSE_FIT if tolerated > CLOSE_RATE else FINE_FIT
         found = _solve(problem.with_discrepancy(tolerated), x, c, rule, what)
@@ -71,9 +73,9 @@ def _in_turn(start: Point, what: str, alike: bool = False) -> FittedModel:
         improved, best = score < best - BETTER_LOSS, min(score, best)
         if improved:
             searching = elsewhere > 0
-        elif not searching:
+        elif searches and not searching:
             searching = True
-        elif effort + 1 < len(EFFORTS) and 0 < EFFORTS[effort + 1] * np.count_nonzero(own) <= len(x):
+        elif searches and effort + 1 < len(EFFORTS) and 0 < EFFORTS[effort + 1] * np.count_nonzero(own) <= len(x):
             effort += 1
         else:
             break
@@ -81,9 +83,9 @@ def _in_turn(start: Point, what: str, alike: bool = False) -> FittedModel:
 
 
 def _searched(
-    problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int, usual: float = 0.0
+    problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int, usual: float
 ) -> tuple[Array, int]:
-    """Initial states (n, p), those of shots that miss by more than noise searched anew; how many began elsewhere.
+    """Initial states (n, p), those of shots that miss by more than usual searched anew; how many began elsewhere.
 
     Args:
         problem: the shots.
@@ -91,7 +93,7 @@ def _searched(
         c: constants.
         tolerated: discrepancy rate in the search.
         effort: of the search.
-        usual: discrepancy rate that counts as noise.
+        usual: discrepancy rate beside which only more is a miss.
     """
     bare = problem.with_own_rates(np.zeros(len(x)))
     odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(usual), x, c), problem.correlation_time))
@@ -122,25 +124,22 @@ def _solve(problem: ShotProblem, x: Array, c: Array, rule: StoppingRule, what: s
     return fit_joint(problem.objective(), x, c, shared, rule, what)
 
 
-def loss_soon(problem: ShotProblem, x: Array, c: Array) -> float:
-    """The loss after a few steps from a point."""
-    return _solve(problem, x, c, SHORT_FIT, "a few steps").cost
-
-
-def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array) -> HeldOut:
+def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array, searching: bool = True) -> HeldOut:
     """The initial states of held-out clips at the constants of a fit, and the remaining error.
 
     Args:
         found: the fit.
         problem: the clips; its model and constants are replaced.
         before: (n, p) initial states that are nearly right.
+        searching: see `fit`.
     """
     problem, c = problem.with_model(found.problem.model, found.names), found.constants
     # A model that does not follow its training clips need not be fitted finely to others.
     steps = HELD_OUT_STEPS if found.discrepancy_rate < UNFOLLOWED_RATE else HELD_OUT_STEPS_UNFOLLOWED
     seen = problem.with_discrepancy(found.discrepancy_rate)
     x = fit_states(seen, before, c, steps)
-    x, _ = _searched(seen, x, c, max(found.discrepancy_rate, GROWING_RATE), EFFORTS[0], found.discrepancy_rate)
+    if searching:
+        x, _ = _searched(seen, x, c, max(found.discrepancy_rate, GROWING_RATE), EFFORTS[0], found.discrepancy_rate)
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
     return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r, _open_residuals(found, problem, x, r))

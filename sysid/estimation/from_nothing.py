@@ -141,43 +141,44 @@ def as_fitted(at: WindowFit, problem: ShotProblem, x: Array) -> FittedModel:
     )  # fmt: skip
 
 
-def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False) -> FittedModel:
+def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searching: bool = True) -> FittedModel:
     """Whole shots at the constants of windows, with their error on the held-out clips.
 
-    They are fitted, constants and initial states, where the model follows them, or `in_any_case`.
+    They are fitted, constants and initial states, where the model follows them, or `in_any_case`; when `searching`,
+    those that miss by more than most are searched anew for where they began.
     """
     found = at.fitted
     x = whole_states(found.chain, found.states, found.constants, found.chain.problem)
     model = dataclasses.replace(found.chain.model, engine=parts.training.model.engine)
     now = as_fitted(at, with_scatter(parts.training.with_model(model, found.chain.names), x), x)
     if in_any_case or now.discrepancy_rate <= UNFOLLOWED_RATE:
-        now = fit(now, "whole shots")
-        if now.discrepancy_rate == 0.0:  # where most are followed to the noise, others began elsewhere
+        now = fit(now, "whole shots", searching)
+        if searching and now.discrepancy_rate == 0.0:  # where most are followed to the noise, others began elsewhere
             now = with_found_starts(now)
-            if now.problem.is_long:
-                now = profiled(now)
+        if now.discrepancy_rate == 0.0 and now.problem.is_long:
+            now = profiled(now)
     if at.held_out is None or parts.held_out is None:
         return now
     x = whole_states(at.held_out, at.held_states, now.constants, at.held_out.problem)
-    return dataclasses.replace(now, held_out=fit_held_out(now, parts.held_out, x))
+    return dataclasses.replace(now, held_out=fit_held_out(now, parts.held_out, x, searching))
 
 
 def with_found_starts(found: FittedModel) -> FittedModel:
-    """The fit with shots that miss by more than noise begun where windows lead, if that is likelier.
+    """The fit with shots that miss by more than noise, and than most, begun where windows lead, if that is likelier.
 
     Such a shot may sit in a false optimum, and hold the constants there with it: so it is searched at the constants of
     the others.
     """
     while True:
-        problem, x = found.problem, found.initial_states.copy()
+        problem, x, usual = found.problem, found.initial_states.copy(), found.discrepancy_rate
         bare, c = problem.with_own_rates(np.zeros(len(x))), found.constants
-        followed = within_noise(*shot_losses(bare.with_discrepancy(0.0), x, c), problem.correlation_time)
+        followed = within_noise(*shot_losses(bare.with_discrepancy(usual), x, c), problem.correlation_time)
         odd, rest = np.flatnonzero(~followed), np.flatnonzero(followed)
         if not odd.size or not rest.size:
             return found
-        others = fit(Point(bare.only(rest), x[rest], c, 0.0), f"{rest.size} shots that are followed")
+        others = fit(Point(bare.only(rest), x[rest], c, usual), f"{rest.size} shots that are followed", searching=False)
         x[rest], x[odd] = others.initial_states, found_states(bare.only(odd), others.constants)
-        now = fit(Point(bare, x, others.constants, 0.0), "all shots")
+        now = fit(Point(bare, x, others.constants, usual), "all shots", searching=False)
         if not _score(now) < _score(found) - BETTER_LOSS:
             return found
         log.info("%d shots beyond the noise searched at the constants of the others", odd.size)
@@ -196,14 +197,16 @@ def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
     return parts, found
 
 
-def fit_from_nothing(parts: Split, model: Model, in_any_case: bool = False) -> tuple[Split, WindowFit, FittedModel]:
+def fit_from_nothing(
+    parts: Split, model: Model, in_any_case: bool = False, searching: bool = True
+) -> tuple[Split, WindowFit, FittedModel]:
     """Windows and whole shots, see `whole_shots`, and the split without the shots that are lost in them.
 
     Raises:
         BadInput: where most shots are lost.
     """
     at = fit_windows(parts, model)
-    found = whole_shots(parts, at, in_any_case)
+    found = whole_shots(parts, at, in_any_case, searching)
     errors = shot_errors(found.problem, found.initial_states, found.constants)
     typical = typical_error(errors)
     lost, held_lost, held = lost_shots(errors, typical), np.zeros(0, np.int64), parts.held_out
@@ -220,7 +223,7 @@ def fit_from_nothing(parts: Split, model: Model, in_any_case: bool = False) -> t
             held = held.only(others) if others.size else None
         parts = parts.excluding(lines, parts.training.only(kept), held)
         at = fit_windows(parts, model)
-        found = whole_shots(parts, at, in_any_case)
+        found = whole_shots(parts, at, in_any_case, searching)
     if in_any_case or not parts.needs_windows(found):
         return parts, at, found
     rough = dataclasses.replace(at.fitted.chain, roughness=roughness_of(parts, model))

@@ -163,12 +163,13 @@ def exclusion_lines(problem: ShotProblem, rows: Index, errors: Array) -> tuple[s
 
 def in_any_case(parts: Split, found: FittedModel) -> FittedModel:
     """A fit of windows fitted to whole shots, even where it does not follow them."""
-    return found if parts.follows(found) else fit_on(parts, found, found, "whole shots")
+    return found if parts.follows(found) else fit_on(parts, found, found, "whole shots", searching=False)
 
 
-def fit_on(parts: Split, start: Point, before: FittedModel, what: str) -> FittedModel:
+def fit_on(parts: Split, start: Point, before: FittedModel, what: str, searching: bool = True) -> FittedModel:
     """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
-    found = fit(start, what)
+    found = fit(start, what, searching)
     if parts.held_out is None or before.held_out is None:
         return found
-    return dataclasses.replace(found, held_out=fit_held_out(found, parts.held_out, before.held_out.initial_states))
+    held = fit_held_out(found, parts.held_out, before.held_out.initial_states, searching)
+    return dataclasses.replace(found, held_out=held)

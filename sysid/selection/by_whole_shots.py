@@ -10,19 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from statistics import NormalDist
 from typing import Self
 
 import numpy as np
 
-from models.effect import Effect
 from sysid.estimation.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.fitting import fit, fit_held_out, loss_soon
+from sysid.estimation.fitting import fit_held_out
 from sysid.estimation.from_nothing import with_found_starts
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
@@ -32,9 +29,6 @@ from sysid.selection.score import Candidate, Linearised, Score, linearise, with_
 from sysid.selection.view import FitView
 
 TRIAL_STEPS = 3  # iterations of the initial states at each size where a fit may begin
-MAX_TRIAL_SHOTS = 60  # on which every candidate is tried
-LARGER_TRIAL = 3.0  # times its usual size, at which an effect is tried as well that vanishes at a bound
-MAX_PROMISING = 2  # effects that are fitted from a trial: of two that go together, one may end in a false optimum
 SMALLER_TRIAL = 0.3  # of a predicted or usual size, where a fit may begin as well
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
@@ -99,22 +93,6 @@ class ByWholeShots(FitView):
             now = remove_effect(now, name)
         return dataclasses.replace(self, now=fit_candidate(self.parts, now, score))
 
-    def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
-        """See `FitView`; none where residuals are no larger than chance leaves them."""
-        chance = math.sqrt(2.0 * counted_as_one(self.now) / self.count)
-        if self.now.chi2 < 1.0 + NormalDist().inv_cdf(1.0 - error_rate) * chance:
-            return []
-        found = []
-        for row, effect in most_promising(self.now, rows):
-            held = self.now.problem.with_model(self.now.model.add(effect), self.now.names)
-            start = Point(held, self.now.initial_states, self.now.constants, self.now.discrepancy_rate)
-            at = fit(start, f"beside {effect.name()}")
-            begun = dataclasses.replace(self.now, initial_states=at.initial_states, constants=at.constants)
-            values = np.array([float(getattr(effect, key)) for key in effect.parameters()])
-            now = _fit_with(self.parts, begun, row.candidate, at.initial_states, values)
-            found.append((row, dataclasses.replace(self, now=now)))
-        return found
-
     def without(self, name: str) -> Self:
         """The fit without an effect."""
         return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
@@ -128,10 +106,12 @@ class ByWholeShots(FitView):
         now = warm_started(self.parts, self.now, other.now, "from another optimum")
         return self if now is None else dataclasses.replace(self, now=now)
 
+    def renewed(self) -> Self:
+        """The same: each fit of whole shots has the most likely errors."""
+        return self
+
     def searched(self) -> Self:
-        """The fit with shots that miss by more than noise begun where windows lead, where most are followed to it."""
-        if self.now.discrepancy_rate > 0.0:
-            return self
+        """The fit with shots that miss by more than most begun where windows lead, if that is likelier."""
         now, held = with_found_starts(self.now), self.now.held_out
         if now is self.now:
             return self
@@ -169,25 +149,7 @@ def _fit_with(parts: Split, base: FittedModel, one: Candidate, x: Array, values:
     """The same from initial states (n, p) and values of all parameters of the candidate."""
     problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in one.effect.parameters()])
     start = Point(problem, x, np.concatenate([base.constants, values]), base.discrepancy_rate)
-    return fit_on(parts, start, base, f"with {one.name}")
-
-
-def most_promising(base: FittedModel, rows: Sequence[Score]) -> list[tuple[Score, Effect]]:
-    """Candidates, at the size tried, that lower the loss of a fit most in a few steps, best first."""
-    log.info("trying %d effects at their usual sizes", len(rows))
-    few = np.unique(np.linspace(0, len(base.initial_states) - 1, MAX_TRIAL_SHOTS).astype(np.int64))
-    problem, x = base.weighted.only(few), base.initial_states[few]
-    before = loss_soon(problem, x, base.constants)
-    found = []
-    for row in rows:
-        one = row.candidate
-        (low, high), sizes = one.bounds().T, (1.0, LARGER_TRIAL) if one.one_sided else (1.0,)
-        effects = [one.at(np.clip(one.off() + size * one.usual(), low, high)) for size in sizes]
-        models = [problem.with_model(base.model.add(effect), base.names) for effect in effects]
-        gains = [before - loss_soon(model, x, base.constants) for model in models]
-        found.append((max(gains), row, effects[int(np.argmax(gains))]))
-    best = sorted(found, key=lambda tried: -tried[0])
-    return [(row, effect) for gain, row, effect in best[:MAX_PROMISING] if gain > 0.0]
+    return fit_on(parts, start, base, f"with {one.name}", searching=False)
 
 
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
@@ -211,7 +173,7 @@ def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
 
 def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
     """Fit again without an effect."""
-    plain = fit_on(parts, remove_effect(found, name), found, f"without {name}")
+    plain = fit_on(parts, remove_effect(found, name), found, f"without {name}", searching=False)
     return warm_started(parts, plain, found, f"without {name}") or plain
 
 
@@ -235,4 +197,4 @@ def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) 
     if gain < max(MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE * loss):
         return None
     log.info("%s again, from another optimum", what)
-    return fit_on(parts, mixed, one, what)
+    return fit_on(parts, mixed, one, what, searching=False)

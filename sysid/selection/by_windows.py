@@ -79,10 +79,6 @@ class ByWindows(FitView):
         """The fit with an effect more, or with another formula."""
         return dataclasses.replace(self, at=with_effect(self.at, score))
 
-    def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
-        """None: constants that windows leave are not bent so far."""
-        return []
-
     def without(self, name: str) -> Self:
         """The fit without an effect."""
         return dataclasses.replace(self, at=without_effect(self.at, name, CANDIDATE_STEPS))
@@ -98,9 +94,13 @@ class ByWindows(FitView):
             self if self.at.fitted.chain.spread == spread else dataclasses.replace(self, at=searched(self.at, spread))
         )
 
-    def searched(self) -> Self:
+    def renewed(self) -> Self:
         """The fit from windows searched anew, at the most likely errors of the model."""
         return dataclasses.replace(self, at=searched(self.at))
+
+    def searched(self) -> Self:
+        """The same: its windows were searched when it was renewed."""
+        return self
 
     def continued(self) -> Self:
         """The fit after as many steps more as one with a candidate gets."""
@@ -129,7 +129,8 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Lineari
     chain, c, states = found.chain, found.constants, found.states
     signatures, beside = list[Signature](), list[Beside]()
     for one in candidates:
-        off, probe = one.off(), PROBE_OF_USUAL * one.usual()
+        off, probe = one.off(), (one.size or PROBE_OF_USUAL) * one.usual()
+        probe = np.clip(off + probe, *one.bounds().T) - off
         keys = tuple(f"{one.name}.{key}" for key in one.keys)
         changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
         beside.append(Beside(changed, off, probe))

@@ -47,7 +47,7 @@ def discover(
         error_rate: of a cause that is added: what is left to nothing, or to a cause that each shot has of its own.
     """
     parts, _, model = split(clip_set, model)
-    parts, at, now = fit_from_nothing(parts, model)
+    parts, at, now = fit_from_nothing(parts, model, searching=False)
     result = DiscoveryResult(parts, (now,), ((),), ())
     show(result)
     whole = Found(ByWholeShots(parts, now))
@@ -56,7 +56,7 @@ def discover(
         result, found = _searched(result, Found(windows), error_rate)
         if found.view is not windows:
             windows = settled(found.view)
-            now = whole_shots(parts, windows.at)
+            now = whole_shots(parts, windows.at, searching=False)
         if parts.training.is_long and not parts.follows(now):
             return _ended(result, found, windows, lambda view: whole_shots(parts, view.at), now, error_rate)
         view = ByWholeShots(parts, in_any_case(parts, now))

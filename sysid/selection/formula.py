@@ -38,7 +38,7 @@ from sysid.selection.free_forms import (
     ranges,
     usual_values,
 )
-from sysid.selection.score import Candidate, Score, Scores, candidate
+from sysid.selection.score import Candidate, Score, Scores, at_sizes, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
     PLACE_DIGITS,
@@ -55,6 +55,7 @@ from sysid.selection.terms_read import RESULT_REMEDY, term_from_json
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
 EFFECT_NAME = "unexplained"
+UNNAMED = "unnamed"  # the effect by which something without a name is fitted before its shape is known
 log = logging.getLogger(__name__)
 
 
@@ -107,12 +108,21 @@ class Looked:
     found: list[Cause]  # the likeliest first
     terms: list[Shape]  # of one term each
     named: frozenset[str]  # those that are effects of the catalogue
+    score: Callable[[Sequence[Candidate]], Scores]  # of others
     seen: dict[str, tuple[float, float]]  # ranges of variables
 
     def row(self, cause: Cause) -> Score:
-        """The score of a cause; of an unknown function with its likeliest values."""
-        row = _row_of(cause.name, self.scores)
-        return row if cause.block is None else dataclasses.replace(row, values=row.candidate.off() + cause.mean)
+        """The score of a cause."""
+        return _row_of(cause.name, self.scores)
+
+    def unnamed(self, cause: Cause) -> Score:
+        """That of an unknown function or a term, with its likeliest values, as an effect of the name UNNAMED."""
+        if cause.block is not None:
+            one = candidate(cause.block.effect(UNNAMED))
+        else:
+            shape = _shape_of(cause.name, self.terms)
+            one = candidate(effect_from_terms(UNNAMED, shape, [term.width / 10 for term in shape]))
+        return dataclasses.replace(self.row(cause), candidate=one, values=one.off() + cause.mean)
 
 
 def look(
@@ -133,22 +143,16 @@ def look(
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
     free, terms = blocks(seen, counts), _others([(term,) for term in library(table, counts, unseen)], formula)
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
-    scores = score([*named, *free_candidates(free), *shape_candidates(terms)])
-    return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), seen)
+    scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
+    return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
 
 
-def grown(
-    before: SparseFormula | None,
-    base: Point,
-    score: Callable[[Sequence[Candidate]], Scores],
-    looked: Looked,
-) -> SparseFormula | None:
+def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFormula | None:
     """A formula with one term more, for what a fit leaves; None where no function or term is likely.
 
     Args:
         before: the formula that the fit has.
         base: the fit.
-        score: of candidates beside it.
         looked: what is likely beside it.
     """
     old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
@@ -162,7 +166,7 @@ def grown(
         families = [family for family in (_others(one, old) for one in block.shapes(looked.seen)) if family]
         if not families:
             return None
-        shape, cause = _likeliest(families, score)
+        shape, cause = _likeliest(families, looked.score)
     if len(old.terms) + len(shape) > MAX_TERMS:
         return None
     names = ", ".join(term.name for term in shape)

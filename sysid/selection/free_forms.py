@@ -55,9 +55,9 @@ class Block:
         """Size that the quantity may change by."""
         return COEFFICIENT_WIDTHS[self.quantity]
 
-    def effect(self) -> type[FreeForm]:
-        """Its class of effects."""
-        return free_form(self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
+    def effect(self, name: str | None = None) -> type[FreeForm]:
+        """Its class of effects, of its name or another."""
+        return free_form(name or self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
     def shapes(self, seen: dict[str, tuple[float, float]]) -> list[list[Shape]]:
         """Families of terms that it may be, over the ranges of what was seen."""

@@ -26,7 +26,7 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import eliminated
 from sysid.estimation.solver.least_squares import differences, weights
-from sysid.estimation.solver.normal_equations import from_jacobian
+from sysid.estimation.solver.normal_equations import from_columns
 
 PROBE_CHANGE_SD = 0.5  # change of the residuals that a probe aims at, median over shots
 FIRST_PROBE_OF_RANGE = 1e-3  # of the bounds' width
@@ -34,6 +34,7 @@ PROBE_LIMITS_OF_RANGE = (1e-7, 0.4)  # smallest and largest probe, of the bounds
 PROBE_PASSES = 4  # at most, to find a probe of the wanted change
 MAX_FADED_CHANGE = 3.0  # times PROBE_CHANGE_SD: what an effect that fades with its parameter may still change
 NOT_FADING_RATIOS = (0.3, 0.7)  # a probe so much smaller than the last that still has so much of its change
+LARGER_SIZE = 3.0  # times the usual one
 MAX_CHANGE_SD = 30.0  # a residual that changes more met another ball: no derivative
 MIN_INFORMATION_LEFT = 1e-9  # Schur over marginal information: below it nothing is left after projection
 log = logging.getLogger(__name__)
@@ -45,6 +46,7 @@ class Candidate:
 
     effect: Effect  # at usual values; parameters without an off value keep them
     keys: tuple[str, ...]
+    size: float | None = None  # over the usual one, at which its signature is taken; None for its derivative
 
     @property
     def name(self) -> str:
@@ -93,7 +95,7 @@ class Signature:
 
     candidate: Candidate
     probe: Array  # (k,) change of each parameter from its off value
-    columns: Array  # (n, m, k) change of the residuals [standard deviations]
+    columns: Array  # (k, n, m) change of the residuals [standard deviations]
     sudden: bool = False  # whether it does not fade as its parameters go to off: then the probe is its usual size
 
 
@@ -114,7 +116,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     both = np.minimum(bounds[:, 1] - off, off - bounds[:, 0])
     probe = np.minimum(FIRST_PROBE_OF_RANGE * width, room)
     n, rows = len(point.initial_states), np.arange(len(point.initial_states))
-    columns = np.zeros((*base.shape, k))
+    columns = np.zeros((k, *base.shape))
     todo, before = np.arange(k), np.full((2, k), np.inf)  # probe and size of the pass before
     sudden: list[int] = []
 
@@ -123,15 +125,18 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
         at = [np.concatenate([point.constants, off + by * (np.arange(k) == j)]) for j in which]
         values = np.repeat(at, n, axis=0)
         r = problem.evaluate(np.tile(point.initial_states, (which.size, 1)), values, np.tile(rows, which.size))
-        return {int(j): part - base for j, part in zip(which, r.reshape(which.size, *base.shape), strict=True)}
+        parts = r.reshape(which.size, *base.shape) - base
+        np.nan_to_num(parts, copy=False)
+        return dict(zip(which.tolist(), parts, strict=True))
 
+    used = np.maximum(np.isfinite(base).sum(axis=1), 1)
     for _ in range(2 if quick else PROBE_PASSES):
         change = changes(todo, sign * probe)
         for number, part in change.items():
-            columns[..., number] = np.nan_to_num(part) * sign[number]
+            np.multiply(part, sign[number], out=columns[number])
         again = []
         for j in todo.tolist():
-            size = _size(change[j])
+            size = _size(change[j], used)
             low, high = PROBE_LIMITS_OF_RANGE[0] * width[j], min(PROBE_LIMITS_OF_RANGE[1] * width[j], room[j])
             wanted = float(np.clip(probe[j] * np.clip(PROBE_CHANGE_SD / max(size, 1e-9), 1e-3, 1e3), low, high))
             not_fading = probe[j] < NOT_FADING_RATIOS[0] * before[0, j] and size > NOT_FADING_RATIOS[1] * before[1, j]
@@ -149,21 +154,44 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
         usual = one.usual()
         probe[sudden] = np.abs(usual[sudden])
         for number, part in changes(np.array(sudden), usual).items():
-            columns[..., number] = np.nan_to_num(part) * np.sign(usual[number])
+            np.multiply(part, np.sign(usual[number]), out=columns[number])
     # Central differences, where both sides are within the bounds, cancel even terms and the integrator's step error.
     two = np.setdiff1d(np.flatnonzero(both > probe), sudden)
     if two.size and not quick:
         for number, part in changes(two, -sign * probe).items():
-            columns[..., number] = 0.5 * (columns[..., number] - np.nan_to_num(part) * sign[number])
+            columns[number] = 0.5 * (columns[number] - part * sign[number])
     columns[np.abs(columns) > MAX_CHANGE_SD] = 0.0
     return Signature(one, probe, columns, bool(sudden))
 
 
-def _size(change: Array) -> float:
-    """Size of a change of residuals (n, m): the median over shots of its rms."""
-    square = np.minimum(change**2, MAX_CHANGE_SD**2)
-    median = float(np.median(np.sqrt(np.nanmean(square, axis=1))))
-    return max(median, 0.5 * float(np.sqrt(np.nanmean(square))))  # an effect in few shots stays in its linear range
+def _size(change: Array, used: Array) -> float:
+    """Size of a change of residuals (n, m), of which (n,) are used: the median over shots of its rms."""
+    squares = np.minimum(change**2, MAX_CHANGE_SD**2).sum(axis=1)
+    median, mean = float(np.median(np.sqrt(squares / used))), float(np.sqrt(squares.sum() / used.sum()))
+    return max(median, 0.5 * mean)  # an effect in few shots stays in its linear range
+
+
+def at_sizes(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates by their derivatives, and at their usual sizes; those that vanish at a bound at larger ones as well.
+
+    Sizes show what derivatives do not: an effect that grows with the square of its parameter, or one for whose lack the
+    constants of a fit are bent.
+    """
+    larger = [one for one in candidates if one.one_sided]
+    sizes = ((candidates, None), (candidates, 1.0), (larger, LARGER_SIZE))
+    return [dataclasses.replace(one, size=size) for some, size in sizes for one in some]
+
+
+def secant(point: Point, base: Array, one: Candidate, size: float) -> Signature:
+    """How a candidate changes the residuals at so many times its usual size, a parameter at a time."""
+    move = np.clip(one.off() + size * one.usual(), *one.bounds().T) - one.off()
+    problem, n = with_candidate(point.problem, one), len(point.initial_states)
+    columns = np.zeros((len(move), *base.shape))
+    for j, by in enumerate(move):
+        c = np.concatenate([point.constants, one.off() + by * (np.arange(len(move)) == j)])
+        r = problem.evaluate(point.initial_states, np.tile(c, (n, 1)), np.arange(n))
+        columns[j] = np.nan_to_num(r - base) * np.sign(by)
+    return Signature(one, np.maximum(np.abs(move), np.finfo(float).tiny), columns)
 
 
 def strike_signature(point: Point, jx: Array, one: Candidate) -> Signature:
@@ -179,7 +207,7 @@ def strike_signature(point: Point, jx: Array, one: Candidate) -> Signature:
         step = by * (np.arange(len(off)) == j)
         plus, minus = (problem.struck(point.initial_states, one.at(off + s * step)) for s in (1.0, -1.0))
         shifts[..., j] = 0.5 * (plus - minus)
-    return Signature(one, probe, np.einsum("nmp,npk->nmk", jx, shifts))
+    return Signature(one, probe, np.einsum("nmp,npk->knm", jx, shifts))
 
 
 def acts_at_strike_only(effect: Effect) -> bool:
@@ -246,6 +274,14 @@ class Linearised:
     chi2: float  # weighted sum of squares
     count: int  # of residuals
 
+    def held(self, rows: Index, away: Array) -> Linearised:
+        """The same with some constants (k,) held so far below where they are, and no unknowns any more."""
+        rest = np.setdiff1d(np.arange(self.gradient.shape[1]), rows)
+        gradient = self.gradient - self.information[:, :, rows] @ away
+        return dataclasses.replace(
+            self, information=self.information[:, rest[:, None], rest], gradient=gradient[:, rest]
+        )  # fmt: skip
+
 
 def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Scores:
     """Score every candidate jointly with initial states and constants.
@@ -269,12 +305,15 @@ def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False
 
     several = Counter(one.name for one in candidates)
     signatures = tuple(
-        strike_signature(point, jx, one)
+        secant(point, r, one, one.size)
+        if one.size is not None
+        else strike_signature(point, jx, one)
         if acts_at_strike_only(one.effect)
         else signature(point, r, one, quick or several[one.name] > 1)
         for one in candidates
     )
-    normal = from_jacobian(r, np.concatenate([jx, jc, *(s.columns for s in signatures)], axis=2), CAUCHY_SD)
+    own = np.moveaxis(np.concatenate([jx, jc], axis=2), 2, 0)
+    normal = from_columns(r, [*own, *(column for s in signatures for column in s.columns)], CAUCHY_SD)
     information, gradient, _, _ = eliminated(normal, x, problem.prior)
     marginal = np.einsum("nkk->k", normal.matrix)[jx.shape[2] + jc.shape[2] :]
     chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))

@@ -14,11 +14,13 @@ import dataclasses
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Generic
 
 from sysid.selection.formula import (
     EFFECT_NAME,
     SEPARATED_LOG_ODDS,
+    UNNAMED,
     Looked,
     SparseFormula,
     grown,
@@ -39,11 +41,12 @@ from sysid.selection.judgement import (
     unknowns_of,
     unknowns_of_terms,
 )
-from sysid.selection.score import Score, candidate
+from sysid.selection.score import candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.terms import Shape
 
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
+RIVAL_SHARE = 0.5  # of the predicted log odds of the likeliest cause: predictions are right to a factor of two
 log = logging.getLogger(__name__)
 
 
@@ -66,8 +69,8 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
 
     A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
-    function or a term is likeliest, and sure, it is fitted first: what has its shape is looked for, and fitted, at the
-    constants beside it.
+    function or a term is likeliest, and sure, it is fitted first: what takes its place is looked for by the losses of
+    the shots that it follows, and fitted from there.
 
     Args:
         view: the fit.
@@ -81,8 +84,9 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
         return _added(view, view, view, seen, formula, threshold)
     less = view.continued()
     if first.name not in seen.named and first.log_odds > threshold.least:
-        start = view.with_effect(seen.row(first)).searched().stripped(first.name)
-        there = look(start.point, start.scores, formula, named)
+        free = view.with_effect(seen.unnamed(first)).renewed().searched()
+        start = free.stripped(UNNAMED)
+        there = look(start.point, partial(free.scores_without, UNNAMED), formula, named)
         found = _added(view, start, less.beside(start), there, formula, threshold)
         if found.view is not view:
             return found
@@ -100,24 +104,17 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
         formula: that the fit has.
         threshold: that a cause must pass.
     """
-    rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
+    least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
+    rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > least]
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
-
-    def judge(row: Score, more: V) -> None:
-        at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
-        fits[:] = [one for one in fits if one.name != row.candidate.name]
-        fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
-        if threshold.is_passed(at):
-            good.append((fits[-1], at))
-
     for row in rows[:MAX_TRIALS]:
         if len(fits) >= MAX_FITS and good:
             break
-        judge(row, start.with_effect(row))
-    if not good:
-        every = [row for row in seen.scores.rows if row.candidate.name in seen.named]
-        for row, more in start.tried(every, threshold.error_rate):
-            judge(row, more)
+        more = start.with_effect(row)
+        at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
+        fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
+        if threshold.is_passed(at):
+            good.append((fits[-1], at))
     good = ranked(good)
     best = good[0] if good else None
     rest = [one for one in fits if all(one.name != other.name for other, _ in good)]
@@ -143,7 +140,7 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
     order = sorted(good, key=lambda one: -one[1].log_odds)
     if not order:
         return []
-    first = dataclasses.replace(order[0][1], view=order[0][1].view.searched())
+    first = dataclasses.replace(order[0][1], view=order[0][1].view.renewed())
     fits = [(order[0][0], first, 0.0)]
     for one, at in order[1:]:
         at = dataclasses.replace(at, view=at.view.beside(first.view))
@@ -158,7 +155,7 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
 
     found, fits = [], sorted(fits, key=rank)
     if fits[0][1] is not first:
-        fits[0] = (fits[0][0], dataclasses.replace(fits[0][1], view=fits[0][1].view.searched()), fits[0][2])
+        fits[0] = (fits[0][0], dataclasses.replace(fits[0][1], view=fits[0][1].view.renewed()), fits[0][2])
     for one, at, more in fits:
         seen = dataclasses.replace(
             one.evidence, log_odds=first.log_odds + more, delta_bic=order[0][0].evidence.delta_bic + 2.0 * more
@@ -182,14 +179,14 @@ def explained_by_shape(
         rival: the fit with the effect.
         threshold: that a shape must pass.
     """
-    larger = grown(formula, view.point, view.scores, seen)
+    larger = grown(formula, view.point, seen)
     if larger is None:
         return None
     shape = larger.terms[0 if formula is None else len(formula.terms) :]
     more = view.with_effect(larger.score())
     if not threshold.is_passed(judged(less.beside(more), more, unknowns_of_terms(shape))):
         return None
-    more = more.searched()
+    more = more.renewed()
     return (more, larger) if rival is None or outdoes(more, shape, rival) else None
 
 
@@ -208,9 +205,12 @@ def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
 
 
 def without_needless(
-    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold
+    view: V, verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold, searching: bool = False
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
-    """The fit without effects and terms that are no longer likelier than chance beside the others, the least first."""
+    """The fit without effects and terms that are no longer likelier than chance beside the others, the least first.
+
+    When `searching`, one stays only if it is likelier than that shots begin elsewhere.
+    """
     while len(verdict) + (0 if formula is None else len(formula.groups)) > 1:
         parts: list[tuple[str | Shape, list[Unknown]]] = []
         for name in verdict:
@@ -225,8 +225,8 @@ def without_needless(
             fewer = formula.without(part, view.point) if formula is not None else None
             less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
         at = judged(less, view.beside(less), unknowns)
-        if threshold.is_passed(at) and (again := less.searched()) is not less:
-            less = again  # what looks like a cause may be a shot that is said to begin elsewhere
+        if searching and threshold.is_passed(at) and (again := less.searched()) is not less:
+            less = again
             at = judged(less, view.beside(less), unknowns)
         if threshold.is_passed(at):
             break
@@ -248,21 +248,35 @@ class Found(Generic[V]):
 def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Found[V], Screening]]:
     """What a fit lacks, after each round in which a cause was looked for; the last found none that stays.
 
-    What an earlier search found, in windows, say, is dropped as well where it is not sure in these shots.
+    What an earlier search found, in windows, say, is dropped as well where it is not sure in these shots. Where nothing
+    more is likely, shots that miss are searched for where they began, and only what stays sure then is kept: what looks
+    like a cause may be a shot that is said to begin elsewhere.
     """
     been = [_what(found)]
     while True:
         seen = next_cause(found.view, found.formula, error_rate)
         verdict = (*found.verdict, seen.name) if seen.name else found.verdict
-        view, kept, formula = without_needless(seen.view, verdict, seen.formula, seen.threshold)
-        gone = tuple(name for name in verdict if name not in kept)
-        now = Found(view if view is seen.view else view.searched(), kept, formula, (*found.dropped, *gone))
+        now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
         if _what(now) in been:  # nothing was added, or what was dropped
-            yield found, seen.screening
-            return
+            view = found.view.searched()
+            now = _needed(view, found, found.verdict, found.formula, seen.threshold, searching=True)
+            if now.view is found.view:
+                yield found, seen.screening
+                return
+            been.clear()
         found = now
         been.append(_what(found))
         yield found, seen.screening
+
+
+def _needed(
+    view: V, found: Found[V], verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold,
+    searching: bool = False,
+) -> Found[V]:  # fmt: skip
+    """What was found, with another fit of these effects and terms, without those that are not needed in it."""
+    now, kept, formula = without_needless(view, verdict, formula, threshold, searching)
+    gone = tuple(name for name in verdict if name not in kept)
+    return Found(now if now is view else now.renewed(), kept, formula, (*found.dropped, *gone))
 
 
 def _what(found: Found[V]) -> tuple[frozenset[str], frozenset[str]]:

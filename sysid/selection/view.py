@@ -63,13 +63,6 @@ class FitView(ABC):
         """The fit with an effect more, or with another formula in place of its own."""
 
     @abstractmethod
-    def tried(self, rows: Sequence[Score], error_rate: float) -> list[tuple[Score, Self]]:
-        """The fit with each of a few effects that lower its loss most where they are held at their usual sizes.
-
-        A fit that lacks a large effect may bend its constants so far that the derivative by that effect vanishes.
-        """
-
-    @abstractmethod
     def without(self, name: str) -> Self:
         """The fit without an effect."""
 
@@ -82,8 +75,12 @@ class FitView(ABC):
         """The fit from where another one has led, and at its errors of the model, so that both can be compared."""
 
     @abstractmethod
+    def renewed(self) -> Self:
+        """The fit at the most likely errors of the model beside all that it has."""
+
+    @abstractmethod
     def searched(self) -> Self:
-        """The fit once more, from states that are searched at its constants."""
+        """The fit with its shots searched for where they began; the same one where that finds nothing likelier."""
 
     @abstractmethod
     def continued(self) -> Self:
@@ -100,6 +97,16 @@ class FitView(ABC):
     def scores(self, candidates: Sequence[Candidate]) -> Scores:
         """Of candidates beside it."""
         return scores_of(self.point, self.linearised(candidates), self.design_effect)
+
+    def scores_without(self, name: str, candidates: Sequence[Candidate]) -> Scores:
+        """Of candidates beside the fit without one of its effects, by the losses that its shots have with it.
+
+        These are quadratic about a fit that follows the shots, where those of a fit that misses them are rough.
+        """
+        rows = np.array([k for k, one in enumerate(self.names) if one.startswith(f"{name}.")], np.int64)
+        off = np.array([self.model.meta(self.names[k])["off"] for k in rows], float)
+        seen = self.linearised(candidates).held(rows, self.point.constants[rows] - off)
+        return scores_of(self.stripped(name).point, seen, self.design_effect)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,15 +52,16 @@ def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
     return _summed(rows[0], rows[1:], np.ascontiguousarray(steps, float), c)
 
 
-def from_jacobian(residuals: Array, jacobian: Array, c: float) -> NormalEquations:
-    """From residuals (n, m) and their derivatives (n, m, k), which may be by hundreds of unknowns."""
-    n, _, k = jacobian.shape
+def from_columns(residuals: Array, columns: Sequence[Array], c: float) -> NormalEquations:
+    """From residuals (n, m) and their finite derivatives by k unknowns, (n, m) each, which may be hundreds."""
+    n, k = len(residuals), len(columns)
     found = NormalEquations(robust_loss(residuals, c), np.empty((n, k, k)), np.empty((n, k)))
-    for one, (r, j) in enumerate(zip(residuals, jacobian, strict=True)):
+    for one, r in enumerate(residuals):
         used = np.isfinite(r)
         root = 1.0 / np.sqrt(1.0 + (r[used] / c) ** 2)
-        rows = np.nan_to_num(j[used]) * root[:, None]
-        found.matrix[one], found.gradient[one] = rows.T @ rows, rows.T @ (root * r[used])
+        rows = np.array([column[one, used] for column in columns]).reshape(k, root.size)
+        rows *= root
+        found.matrix[one], found.gradient[one] = rows @ rows.T, rows @ (root * r[used])
     return found
 
 
