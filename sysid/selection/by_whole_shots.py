@@ -25,7 +25,8 @@ from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
 from sysid.selection.evidence import MAX_RESIDUAL_SD, compare_fits, counted_as_one, remove_effect
-from sysid.selection.score import Candidate, Linearised, Score, linearise, with_candidate
+from sysid.selection.score import Linearised, Score, linearise
+from sysid.selection.signatures import Candidate, with_candidate
 from sysid.selection.view import FitView
 
 TRIAL_STEPS = 3  # iterations of the initial states at each size where a fit may begin

@@ -24,7 +24,8 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, moved_to, searched
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
-from sysid.selection.score import Candidate, Linearised, Score, Signature
+from sysid.selection.score import Linearised, Score
+from sysid.selection.signatures import Candidate, Signature
 from sysid.selection.view import FitView
 
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model

@@ -28,6 +28,7 @@ from sysid.estimation.problem import Array
 from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
 from sysid.selection.free_forms import (
+    Block,
     Cause,
     blocks,
     cause_of,
@@ -38,7 +39,8 @@ from sysid.selection.free_forms import (
     ranges,
     usual_values,
 )
-from sysid.selection.score import Candidate, Score, Scores, at_sizes, candidate
+from sysid.selection.score import Score, Scores
+from sysid.selection.signatures import Candidate, at_sizes, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
     PLACE_DIGITS,
@@ -91,6 +93,16 @@ class SparseFormula:
             tuple(self.alike[k] for k in keep if k < len(self.alike)),
         )  # fmt: skip
 
+    def with_shape(self, shape: Shape, cause: Cause, alike: tuple[str, ...], base: Point) -> SparseFormula:
+        """The formula with a shape more, as a cause has it, its own terms as a fit has them."""
+        at = dict(zip(base.names, base.constants.tolist(), strict=True))
+        values = [at[f"{EFFECT_NAME}.{one.name}"] for one in self.terms]
+        most = MAX_PART_OF_BOUNDS * np.array([term.width for term in shape])
+        return SparseFormula(
+            (*self.terms, *shape), (*self.improvements, *[cause.gain / len(shape)] * len(shape)),
+            np.concatenate([values, np.clip(cause.mean, -most, most)]), (*self.alike, *[alike] * len(shape)),
+        )  # fmt: skip
+
     def candidate(self) -> Candidate:
         """The formula as an effect to fit."""
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))
@@ -137,14 +149,19 @@ def look(
         formula: that it has.
         named: effects that it lacks.
     """
-    clips, table = base.problem.clips, base.model.table
-    seen = ranges(clips, table.length, table.width, base.model.ball.radius)
-    counts = counts_of(clips)
+    seen, counts, free = _functions(base)
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
-    free, terms = blocks(seen, counts), _others([(term,) for term in library(table, counts, unseen)], formula)
+    terms = _others([(term,) for term in library(base.model.table, counts, unseen)], formula)
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
+
+
+def _functions(base: Point) -> tuple[dict[str, tuple[float, float]], dict[str, int], list[Block]]:
+    """Ranges of the variables that a fit's clips have seen, how many of what is counted there are, and all blocks."""
+    clips, table = base.problem.clips, base.model.table
+    seen, counts = ranges(clips, table.length, table.width, base.model.ball.radius), counts_of(clips)
+    return seen, counts, blocks(seen, counts)
 
 
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFormula | None:
@@ -171,15 +188,31 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFo
         return None
     names = ", ".join(term.name for term in shape)
     log.info("likeliest is %s, with log odds of %.1f; as terms %s", found[0].name, found[0].log_odds, names)
-    at = dict(zip(base.names, base.constants.tolist(), strict=True))
-    values = [at[f"{EFFECT_NAME}.{one.name}"] for one in old.terms]
-    most = MAX_PART_OF_BOUNDS * np.array([term.width for term in shape])
-    gain = cause.gain / len(shape)
-    alike = _alike(shape, found, terms)
-    return SparseFormula(
-        (*old.terms, *shape), (*old.improvements, *[gain] * len(shape)),
-        np.concatenate([values, np.clip(cause.mean, -most, most)]), (*old.alike, *[alike] * len(shape)),
-    )  # fmt: skip
+    return old.with_shape(shape, cause, _alike(shape, found, terms), base)
+
+
+def reshaped(
+    found: SparseFormula, group: Shape, base: Point, score: Callable[[Sequence[Candidate]], Scores]
+) -> SparseFormula | None:
+    """The formula with a likelier shape of the same function in place of one of its; None where it has the likeliest.
+
+    Args:
+        found: the formula.
+        group: the shape.
+        base: the fit that has it.
+        score: of candidates beside that fit without this shape.
+    """
+    old = found.without(group, base) or SparseFormula((), (), np.zeros(0))
+    seen, _, free = _functions(base)
+    for block in free:
+        families = block.shapes(seen)
+        if any(shape[0].name == group[0].name for family in families for shape in family):
+            shape, cause = _likeliest([few for family in families if (few := _others(family, old))], score)
+            if [term.name for term in shape] == [term.name for term in group]:
+                return None
+            log.info("likelier than %s: %s", group[0].group, ", ".join(term.name for term in shape))
+            return old.with_shape(shape, cause, (), base)
+    return None
 
 
 def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tuple[str, ...]:
@@ -235,6 +268,12 @@ def _shape_of(name: str, every: Sequence[Shape]) -> Shape:
 def _row_of(name: str, scores: Scores) -> Score:
     """The score of a candidate."""
     return next(one for one in scores.rows if one.candidate.name == name)
+
+
+def parameters_of(shape: Shape) -> set[str]:
+    """Names of the parameters that terms have in a fit."""
+    places = {term.place_name for term in shape if term.limits is not None}
+    return {f"{EFFECT_NAME}.{name}" for name in {term.name for term in shape} | places}
 
 
 def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:

@@ -26,7 +26,8 @@ from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
 from models.variables import SESSION_VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
-from sysid.selection.score import Candidate, Scores, candidate
+from sysid.selection.score import Scores
+from sysid.selection.signatures import Candidate, candidate
 from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED, RAIL_NAMES, SEEN_BY, Shape, counted_shapes, shapes
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn

@@ -21,7 +21,7 @@ from sysid.estimation.problem import Array, Index
 from sysid.selection.evidence import Evidence, chi2_of_known
 from sysid.selection.formula import EFFECT_NAME
 from sysid.selection.free_forms import USUAL_SIZES, log_odds, mean_odds
-from sysid.selection.score import Candidate
+from sysid.selection.signatures import Candidate
 from sysid.selection.terms import Shape
 from sysid.selection.view import FitView
 
@@ -77,7 +77,6 @@ class Judged(Generic[V]):
     over_scatter: float  # log odds over values that each shot has of its own
     evidence: Evidence
     holds: bool  # whether shots held out do not speak against it
-    occam: float  # what its unknowns lose by what they might have been, in log likelihood
 
 
 @dataclass(frozen=True)
@@ -111,11 +110,10 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     With the likeliest values d away from the middle, information S and covariance C of what they may be, a gain of log
     likelihood counts less d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the sizes that they may have.
     """
-    occam = occam_of(more, unknowns)
     gain, known = less.gain(more) / more.design_effect, _known(less, more)
     sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
-    odds = gain + known + occam
+    odds = gain + known + occam_of(more, unknowns)
     held = less.held_gains(more)
     holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
     names = ", ".join(one.name for one in unknowns)
@@ -125,7 +123,7 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     )  # fmt: skip
     bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
-    return Judged(more, tuple(unknowns), odds, alone, seen, holds, occam)
+    return Judged(more, tuple(unknowns), odds, alone, seen, holds)
 
 
 def _known(less: FitView, more: FitView) -> float:
@@ -133,12 +131,15 @@ def _known(less: FitView, more: FitView) -> float:
     return 0.5 * (chi2_of_known(less.point) - chi2_of_known(more.point))
 
 
-def likelier(one: Judged[V], two: Judged[V]) -> float:
-    """Log of the marginal likelihood of the second over that of the first, neither of which need hold the other."""
-    first, second = one.view.beside(two.view), two.view.beside(one.view)
-    gain = first.gain(second)
-    better = second if gain > 0 else first
-    return gain / better.design_effect + _known(first, second) + two.occam - one.occam
+def likelier(one: V, first: Sequence[Unknown], two: V, second: Sequence[Unknown]) -> float:
+    """Log of the marginal likelihood of a second fit over that of a first, neither of which need hold the other.
+
+    Each has unknowns that the other need not have.
+    """
+    one, two = one.beside(two), two.beside(one)
+    gain = one.gain(two)
+    better = two if gain > 0 else one
+    return gain / better.design_effect + _known(one, two) + occam_of(two, second) - occam_of(one, first)
 
 
 def _rows(view: FitView, unknowns: Sequence[Unknown]) -> Index:

@@ -15,7 +15,8 @@ from models.model_file import Model, catalogue
 from sysid.estimation.fitted import FittedModel
 from sysid.selection.evidence import Evidence
 from sysid.selection.formula import SEPARATED_LOG_ODDS, SparseFormula
-from sysid.selection.score import Candidate, Score, Scores, candidate
+from sysid.selection.score import Score, Scores
+from sysid.selection.signatures import Candidate, candidate
 
 CONFOUNDED_CORRELATION = 0.9  # of two signatures, from which on candidates count as confounded
 

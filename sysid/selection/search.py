@@ -25,6 +25,8 @@ from sysid.selection.formula import (
     SparseFormula,
     grown,
     look,
+    parameters_of,
+    reshaped,
     shape_candidates,
 )
 from sysid.selection.free_forms import causes
@@ -36,13 +38,12 @@ from sysid.selection.judgement import (
     V,
     judged,
     likelier,
-    occam_of,
     size_of,
     unknowns_of,
     unknowns_of_terms,
 )
-from sysid.selection.score import candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
+from sysid.selection.signatures import candidate
 from sysid.selection.terms import Shape
 
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
@@ -85,8 +86,8 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     less = view.continued()
     if first.name not in seen.named and first.log_odds > threshold.least:
         free = view.with_effect(seen.unnamed(first)).renewed().searched()
-        start = free.stripped(UNNAMED)
-        there = look(start.point, partial(free.scores_without, UNNAMED), formula, named)
+        start, gone = free.stripped(UNNAMED), {name for name in free.names if name.startswith(f"{UNNAMED}.")}
+        there = look(start.point, partial(free.scores_without, gone), formula, named)
         found = _added(view, start, less.beside(start), there, formula, threshold)
         if found.view is not view:
             return found
@@ -144,7 +145,7 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
     fits = [(order[0][0], first, 0.0)]
     for one, at in order[1:]:
         at = dataclasses.replace(at, view=at.view.beside(first.view))
-        more = likelier(first, at)
+        more = likelier(first.view, first.unknowns, at.view, at.unknowns)
         log.info("%s over %s: log odds %.1f", one.name, order[0][0].name, more)
         fits.append((one, at, more))
     top = max(more for _, _, more in fits)
@@ -196,10 +197,7 @@ def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
     A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
     """
     beside = causes(rival.view.scores(shape_candidates([shape])))[0].log_odds
-    unknowns = unknowns_of_terms(shape)
-    occam = occam_of(view, unknowns)
-    at = dataclasses.replace(rival, view=view, unknowns=tuple(unknowns), occam=occam)
-    more = likelier(rival, at)
+    more = likelier(rival.view, rival.unknowns, view, unknowns_of_terms(shape))
     log.info("%s: log odds %.1f over the best effect, %.1f beside it", shape[0].group, more, beside)
     return beside > 0.0 and more > SEPARATED_LOG_ODDS
 
@@ -235,6 +233,20 @@ def without_needless(
     return view, verdict, formula
 
 
+def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
+    """The fit with a likelier shape in place of each of the formula's, by the losses of the shots that it follows.
+
+    A shape is chosen first where much is missing, and a curve may then fit what is a line.
+    """
+    for group in formula.groups:
+        other = reshaped(formula, group, view.point, partial(view.scores_without, parameters_of(group)))
+        if other is not None:
+            more, shape = view.with_effect(other.score()), other.groups[-1]
+            if likelier(view, unknowns_of_terms(group), more, unknowns_of_terms(shape)) > 0.0:
+                view, formula = more, other
+    return view, formula
+
+
 @dataclass(frozen=True)
 class Found(Generic[V]):
     """What was found so far."""
@@ -260,6 +272,9 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
         if _what(now) in been:  # nothing was added, or what was dropped
             view = found.view.searched()
             now = _needed(view, found, found.verdict, found.formula, seen.threshold, searching=True)
+            if now.formula is not None:
+                view, formula = with_likeliest_shapes(now.view, now.formula)
+                now = dataclasses.replace(now, view=view, formula=formula)
             if now.view is found.view:
                 yield found, seen.screening
                 return

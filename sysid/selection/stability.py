@@ -22,7 +22,8 @@ from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
 from sysid.selection.free_forms import log_odds, mean_odds
 from sysid.selection.judgement import ERROR_RATE, Threshold, Unknown, covariances, over_scatter, unknowns_of
-from sysid.selection.score import Linearised, add_known, candidate
+from sysid.selection.score import Linearised, add_known
+from sysid.selection.signatures import candidate
 from sysid.selection.view import projected_on
 
 DRAWS, SEED = 100, 0

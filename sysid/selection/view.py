@@ -9,8 +9,9 @@ by its design effect. So a single shot that departs from all others cannot speak
 
 from __future__ import annotations
 
+import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Self
 
 import numpy as np
@@ -18,7 +19,8 @@ import numpy as np
 from models.model_file import Model
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array, Index
-from sysid.selection.score import Candidate, Linearised, Score, Scores, scores_of
+from sysid.selection.score import Linearised, Score, Scores, scores_of
+from sysid.selection.signatures import Candidate
 
 
 class FitView(ABC):
@@ -98,15 +100,21 @@ class FitView(ABC):
         """Of candidates beside it."""
         return scores_of(self.point, self.linearised(candidates), self.design_effect)
 
-    def scores_without(self, name: str, candidates: Sequence[Candidate]) -> Scores:
-        """Of candidates beside the fit without one of its effects, by the losses that its shots have with it.
+    def scores_without(self, parameters: Collection[str], candidates: Sequence[Candidate]) -> Scores:
+        """Of candidates beside the fit without what some parameters do, by the losses that its shots have with that.
 
         These are quadratic about a fit that follows the shots, where those of a fit that misses them are rough.
         """
-        rows = np.array([k for k, one in enumerate(self.names) if one.startswith(f"{name}.")], np.int64)
-        off = np.array([self.model.meta(self.names[k])["off"] for k in rows], float)
-        seen = self.linearised(candidates).held(rows, self.point.constants[rows] - off)
-        return scores_of(self.stripped(name).point, seen, self.design_effect)
+        point, gone = self.point, np.array([name in parameters for name in self.names])
+        metas = [self.model.meta(name) for name in np.array(self.names)[gone]]
+        away = [
+            c - m["off"] if m["off"] is not None else 0.0 for c, m in zip(point.constants[gone], metas, strict=True)
+        ]
+        seen = self.linearised(candidates).held(np.flatnonzero(gone), np.array(away))
+        rest = [name for name in self.names if name not in parameters]
+        problem = point.problem.with_model(point.problem.model, rest)
+        point = dataclasses.replace(point, problem=problem, constants=point.constants[~gone])
+        return scores_of(point, seen, self.design_effect)
 
     @property
     def names(self) -> tuple[str, ...]:

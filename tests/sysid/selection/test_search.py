@@ -19,8 +19,8 @@ from sysid.selection.by_windows import ByWindows
 from sysid.selection.formula import SparseFormula, shape_candidates
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
-from sysid.selection.score import candidate
 from sysid.selection.search import Found, next_cause, outdoes, search, without_needless
+from sysid.selection.signatures import candidate
 from sysid.selection.terms import library
 from tests.truth.__main__ import main as generate
 
