@@ -24,6 +24,7 @@ CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants ma
 MAX_ROUNDS = 20  # of reweighing and searching
 FINE_FIT = StoppingRule(15, 1e-6)
 COARSE_FIT = StoppingRule(10, 1e-4)
+SHORT_FIT = StoppingRule(4, 1e-5)
 HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where the model follows its clips, or not
 SETTLING_STEPS = 20  # of a shot that was searched anew
 log = logging.getLogger(__name__)
@@ -122,6 +123,12 @@ def _fitted(at: Point, found: Solution) -> FittedModel:
 def _solve(problem: ShotProblem, x: Array, c: Array, rule: StoppingRule, what: str) -> Solution:
     shared = shared_constants(problem.model, problem.names, problem.known)
     return fit_joint(problem.objective(), x, c, shared, rule, what)
+
+
+def few_steps(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array, float]:
+    """Initial states (n, p) and constants (q,) after a few steps of a fit, and the loss there."""
+    found = _solve(problem, x, c, SHORT_FIT, "a few steps")
+    return found.initial_states, found.constants, found.cost
 
 
 def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array, searching: bool = True) -> HeldOut:

@@ -17,9 +17,10 @@ from typing import Self
 
 import numpy as np
 
+from models.effect import Effect
 from sysid.estimation.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.fitting import fit_held_out
+from sysid.estimation.fitting import few_steps, fit_held_out
 from sysid.estimation.from_nothing import with_found_starts
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
@@ -29,7 +30,6 @@ from sysid.selection.score import Linearised, Score, linearise
 from sysid.selection.signatures import Candidate, with_candidate
 from sysid.selection.view import FitView
 
-TRIAL_STEPS = 3  # iterations of the initial states at each size where a fit may begin
 SMALLER_TRIAL = 0.3  # of a predicted or usual size, where a fit may begin as well
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
@@ -140,36 +140,32 @@ class ByWholeShots(FitView):
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
     """All constants, those of a candidate among them, and all initial states, from the optimum without it."""
     one = score.candidate
-    x, added = _best_start(base, score)
-    values = dict(zip(one.keys, added.tolist(), strict=True))
-    more = [values.get(key, float(getattr(one.effect, key))) for key in one.effect.parameters()]
-    return _fit_with(parts, base, one, x, np.array(more))
-
-
-def _fit_with(parts: Split, base: FittedModel, one: Candidate, x: Array, values: Array) -> FittedModel:
-    """The same from initial states (n, p) and values of all parameters of the candidate."""
-    problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in one.effect.parameters()])
-    start = Point(problem, x, np.concatenate([base.constants, values]), base.discrepancy_rate)
+    x, c, effect = _best_start(base, score)
+    values = np.array([float(getattr(effect, key)) for key in effect.parameters()])
+    problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in effect.parameters()])
+    start = Point(problem, x, np.concatenate([c, values]), base.discrepancy_rate)
     return fit_on(parts, start, base, f"with {one.name}", searching=False)
 
 
-def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array]:
-    """Initial states (n, p) and switching parameters (k,) to start from: of a few trial values those of least loss."""
+def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
+    """Initial states (n, p), constants (q,) and the effect to start from: at a few sizes held, those of least loss.
+
+    A fit that lacks a large effect has bent its constants, and one that frees the effect at once may stay there.
+    """
     one, off = score.candidate, score.candidate.off()
     bounds, usual, step = one.bounds(), one.usual(), score.values - off
-    trials = [step, SMALLER_TRIAL * step]
+    trials = [step, SMALLER_TRIAL * step, usual]
     if one.one_sided:  # such an effect may grow with the square of its parameter
         trials = [step, usual, SMALLER_TRIAL * usual]
-    problem = with_candidate(base.problem, one).with_discrepancy(base.discrepancy_rate)
-    found = []
+    problem, found = base.weighted, list[tuple[float, Array, Array, Effect]]()
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
     for move in trials:
-        values = np.clip(off + move, inner[:, 0], inner[:, 1])
-        c = np.concatenate([base.constants, values])
-        x = fit_states(problem, base.initial_states, c, TRIAL_STEPS)
-        found.append((float(shot_losses(problem, x, c)[0].sum()), x, values))
-    _, x, values = min(found, key=lambda one: one[0])
-    return x, values
+        effect = one.at(np.clip(off + move, inner[:, 0], inner[:, 1]))
+        held = problem.with_model(base.model.add(effect), base.names)
+        x, c, cost = few_steps(held, base.initial_states, base.constants)
+        found.append((cost, x, c, effect))
+    _, x, c, effect = min(found, key=lambda one: one[0])
+    return x, c, effect
 
 
 def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
