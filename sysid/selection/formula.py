@@ -58,6 +58,7 @@ SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
 EFFECT_NAME = "unexplained"
 UNNAMED = "unnamed"  # the effect by which something without a name is fitted before its shape is known
+ORDER, OF_SESSIONS = ("order",), {DEPENDENCES[name] for name in SESSION_VARIABLES}
 log = logging.getLogger(__name__)
 
 
@@ -165,7 +166,10 @@ def _functions(base: Point) -> tuple[dict[str, tuple[float, float]], dict[str, i
 
 
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFormula | None:
-    """A formula with one term more, for what a fit leaves; None where no function or term is likely.
+    """A formula with one shape more, for what a fit leaves; None where no function or term is likely.
+
+    None as well where a function of the order of the clips, a number that each shot has of its own, is as likely as one
+    of what balls do: the clips say that the quantity differs between shots, and not by what.
 
     Args:
         before: the formula that the fit has.
@@ -185,6 +189,13 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFo
             return None
         shape, cause = _likeliest(families, looked.score)
     if len(old.terms) + len(shape) > MAX_TERMS:
+        return None
+    own = [c.log_odds for c in found if c.block and (c.block.quantity, c.block.variables) == (shape[0].quantity, ORDER)]
+    if (
+        shape[0].depends_on[0] not in OF_SESSIONS
+        and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS
+    ):
+        log.info("%s may as well differ from clip to clip", shape[0].quantity)
         return None
     names = ", ".join(term.name for term in shape)
     log.info("likeliest is %s, with log odds of %.1f; as terms %s", found[0].name, found[0].log_odds, names)
