@@ -50,9 +50,8 @@ def fit(start: Point, what: str = "", searching: bool = True) -> FittedModel:
 def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> FittedModel:
     """Constants, discrepancies and initial states, found in turn until their likelihood stays.
 
-    Shots count by their own discrepancies, or `alike` by that of the middle one.
-    Shots that miss by more than noise and than most shots do are searched again at the new constants, as long as that
-    finds where they began;
+    Shots count by their own discrepancies, or `alike` by that of the middle one. If `searches`, those that miss by more
+    than noise, and than most shots do, are searched again at the new constants, as long as that finds where they began;
     where they are few, with more and more effort, up to the work of searching all. A model that does not follow the
     shots is fitted coarsely: what it lacks moves its constants by more.
     """

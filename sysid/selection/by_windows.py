@@ -135,7 +135,7 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Lineari
         keys = tuple(f"{one.name}.{key}" for key in one.keys)
         changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
         beside.append(Beside(changed, off, probe))
-        signatures.append(Signature(one, np.abs(probe), np.zeros((0, 0, len(off)))))
+        signatures.append(Signature(one, np.abs(probe), np.zeros((len(off), 0, 0))))
     _, shots = equations(chain, states, c, chain.gap_sd(states), chain.shared.steps_from(c), beside)
     _, information, gradient = reduced(shots)
     marginal = np.sum([s.constants for s in shots], axis=0).diagonal()[len(c) :]

@@ -58,7 +58,7 @@ SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
 EFFECT_NAME = "unexplained"
 UNNAMED = "unnamed"  # the effect by which something without a name is fitted before its shape is known
-ORDER, OF_SESSIONS = ("order",), {DEPENDENCES[name] for name in SESSION_VARIABLES}
+OF_SESSIONS = {DEPENDENCES[name] for name in SESSION_VARIABLES}
 log = logging.getLogger(__name__)
 
 
@@ -190,11 +190,10 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFo
         shape, cause = _likeliest(families, looked.score)
     if len(old.terms) + len(shape) > MAX_TERMS:
         return None
-    own = [c.log_odds for c in found if c.block and (c.block.quantity, c.block.variables) == (shape[0].quantity, ORDER)]
-    if (
-        shape[0].depends_on[0] not in OF_SESSIONS
-        and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS
-    ):
+    by_order = (shape[0].quantity, ("order",))
+    own = [one.log_odds for one in found if one.block and (one.block.quantity, one.block.variables) == by_order]
+    of_session = shape[0].depends_on[0] in OF_SESSIONS
+    if not of_session and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS:
         log.info("%s may as well differ from clip to clip", shape[0].quantity)
         return None
     names = ", ".join(term.name for term in shape)
@@ -202,10 +201,10 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFo
     return old.with_shape(shape, cause, _alike(shape, found, terms), base)
 
 
-def reshaped(
+def simplified(
     found: SparseFormula, group: Shape, base: Point, score: Callable[[Sequence[Candidate]], Scores]
 ) -> SparseFormula | None:
-    """The formula with a likelier shape of the same function in place of one of its; None where it has the likeliest.
+    """The formula with a shape of fewer terms in place of one of its; None where none is likelier.
 
     Args:
         found: the formula.
@@ -213,16 +212,21 @@ def reshaped(
         base: the fit that has it.
         score: of candidates beside that fit without this shape.
     """
-    old = found.without(group, base) or SparseFormula((), (), np.zeros(0))
+    old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
     seen, _, free = _functions(base)
     for block in free:
         families = block.shapes(seen)
-        if any(shape[0].name == group[0].name for family in families for shape in family):
-            shape, cause = _likeliest([few for family in families if (few := _others(family, old))], score)
-            if [term.name for term in shape] == [term.name for term in group]:
+        if any(names == [term.name for term in shape] for family in families for shape in family):
+            rivals = [
+                [shape for shape in family if len(shape) < len(group) or names == [term.name for term in shape]]
+                for family in families
+            ]
+            shape, cause = _likeliest([few for one in rivals if (few := _others(one, old))], score)
+            if len(shape) == len(group):
                 return None
             log.info("likelier than %s: %s", group[0].group, ", ".join(term.name for term in shape))
-            return old.with_shape(shape, cause, (), base)
+            at = found.terms.index(group[0])
+            return old.with_shape(shape, cause, found.alike[at] if at < len(found.alike) else (), base)
     return None
 
 

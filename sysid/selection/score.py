@@ -25,7 +25,7 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.solver.joint_fit import eliminated
 from sysid.estimation.solver.least_squares import differences, weights
 from sysid.estimation.solver.normal_equations import from_columns
-from sysid.selection.signatures import Candidate, Signature, acts_at_strike_only, secant, signature, strike_signature
+from sysid.selection.signatures import Candidate, Signature, signature_of
 
 MIN_INFORMATION_LEFT = 1e-9  # Schur over marginal information: below it nothing is left after projection
 log = logging.getLogger(__name__)
@@ -112,7 +112,8 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
 
 def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Linearised:
     """A fit with candidates beside it, see `score_all`, as quadratic losses of its shots."""
-    log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
+    if candidates:
+        log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
     problem = point.weighted
     point = dataclasses.replace(point, problem=problem)
     x, n = point.initial_states, len(point.initial_states)
@@ -120,14 +121,7 @@ def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False
     r, jx, jc = differences(problem.evaluate, x, point.constants, np.arange(n), problem.steps, steps_c)
 
     several = Counter(one.name for one in candidates)
-    signatures = tuple(
-        secant(point, r, one, one.size)
-        if one.size is not None
-        else strike_signature(point, jx, one)
-        if acts_at_strike_only(one.effect)
-        else signature(point, r, one, quick or several[one.name] > 1)
-        for one in candidates
-    )
+    signatures = tuple(signature_of(point, r, jx, one, quick or several[one.name] > 1) for one in candidates)
     own = np.moveaxis(np.concatenate([jx, jc], axis=2), 2, 0)
     normal = from_columns(r, [*own, *(column for s in signatures for column in s.columns)], CAUCHY_SD)
     information, gradient, _, _ = eliminated(normal, x, problem.prior)

@@ -26,8 +26,8 @@ from sysid.selection.formula import (
     grown,
     look,
     parameters_of,
-    reshaped,
     shape_candidates,
+    simplified,
 )
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import (
@@ -233,13 +233,14 @@ def without_needless(
     return view, verdict, formula
 
 
-def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
-    """The fit with a likelier shape in place of each of the formula's, by the losses of the shots that it follows.
+def with_simplest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
+    """The fit with a shape of fewer terms in place of each for which one is likelier, by shots that are followed.
 
     A shape is chosen first where much is missing, and a curve may then fit what is a line.
     """
-    for group in formula.groups:
-        other = reshaped(formula, group, view.point, partial(view.scores_without, parameters_of(group)))
+    for name in [group[0].group for group in formula.groups if len(group) > 1]:
+        group = next(one for one in formula.groups if one[0].group == name)
+        other = simplified(formula, group, view.point, partial(view.scores_without, parameters_of(group)))
         if other is not None:
             more, shape = view.with_effect(other.score()), other.groups[-1]
             if likelier(view, unknowns_of_terms(group), more, unknowns_of_terms(shape)) > 0.0:
@@ -273,7 +274,7 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
             view = found.view.searched()
             now = _needed(view, found, found.verdict, found.formula, seen.threshold, searching=True)
             if now.formula is not None:
-                view, formula = with_likeliest_shapes(now.view, now.formula)
+                view, formula = with_simplest_shapes(now.view, now.formula)
                 now = dataclasses.replace(now, view=view, formula=formula)
             if now.view is found.view:
                 yield found, seen.screening

@@ -22,7 +22,7 @@ PROBE_LIMITS_OF_RANGE = (1e-7, 0.4)  # smallest and largest probe, of the bounds
 PROBE_PASSES = 4  # at most, to find a probe of the wanted change
 MAX_FADED_CHANGE = 3.0  # times PROBE_CHANGE_SD: what an effect that fades with its parameter may still change
 NOT_FADING_RATIOS = (0.3, 0.7)  # a probe so much smaller than the last that still has so much of its change
-LARGER_SIZE = 3.0  # times the usual one
+LARGER_SIZE = 3.0  # times the usual one, of an effect that vanishes at a bound
 MAX_CHANGE_SD = 30.0  # a residual that changes more met another ball: no derivative
 
 
@@ -137,10 +137,8 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             break
         todo = np.array(again)
     if sudden:
-        usual = one.usual()
-        probe[sudden] = np.abs(usual[sudden])
-        for number, part in changes(np.array(sudden), usual).items():
-            np.multiply(part, np.sign(usual[number]), out=columns[number])
+        there = secant(point, base, one, 1.0)
+        probe[sudden], columns[sudden] = there.probe[sudden], there.columns[sudden]
     # Central differences, where both sides are within the bounds, cancel even terms and the integrator's step error.
     two = np.setdiff1d(np.flatnonzero(both > probe), sudden)
     if two.size and not quick:
@@ -199,3 +197,20 @@ def strike_signature(point: Point, jx: Array, one: Candidate) -> Signature:
 def acts_at_strike_only(effect: Effect) -> bool:
     """Whether an effect's only hook is the strike."""
     return effect.opens("strike") and not effect.opens("edit", "forces", "horizon", "impact", "exposures", "observe")
+
+
+def signature_of(point: Point, base: Array, jx: Array, one: Candidate, quick: bool) -> Signature:
+    """The signature of a candidate in the way that suits it.
+
+    Args:
+        point: where the fit has converged.
+        base: (n, m) its residuals.
+        jx: (n, m, p) their derivatives by initial states.
+        one: the candidate.
+        quick: see `signature`.
+    """
+    if one.size is not None:
+        return secant(point, base, one, one.size)
+    if acts_at_strike_only(one.effect):
+        return strike_signature(point, jx, one)
+    return signature(point, base, one, quick)
