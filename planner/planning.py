@@ -45,7 +45,7 @@ from planner.search.search import (
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-plan/1"
-METHODS = ("risk", "ga")
+METHODS, GIVEN = ("risk", "ga"), "given"  # how a stroke is found; or it is given
 FAN_PLAYS = 40  # plays whose tracks are kept, the first of those that the stroke is evaluated by
 MAX_PLACES = 500  # final positions of the cue ball that are kept
 TRACK_PERIOD_S, FAN_PERIOD_S = 0.02, 0.08  # between the points of the planned tracks, and of those of the fan
@@ -85,11 +85,7 @@ def make_plan(
         raise BadInput(f"method is {method!r}; choose from {', '.join(METHODS)}")
     execution, weights, effort = execution or Execution(), weights or UtilityWeights(), effort or Effort()
     player = Player(model, scene, launcher or LauncherModel(), threads)
-    head: dict[str, Any] = {
-        "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(scene),
-        "model": {"effects": [e.name() for e in player.model.effects], "fitted": bool(model.estimates)},
-        "execution": asdict(execution), "wish": asdict(weights),
-    }  # fmt: skip
+    head = _head(player, execution, weights, method, seed)
     if method == "ga":
         strokes, why = _baseline_stroke(player, execution, weights, seed, effort)
     else:
@@ -101,13 +97,58 @@ def make_plan(
     best = strokes[0].evaluation
     plan = _stroke_entries(player, strokes[0]) | {"why": why}
     plan["launcher"]["theta_tolerance_deg"] = yaw_tolerance(player, best.q, execution, seed + 2)
-    plan["fan"] = _fan(player, best, draw_errors(model, execution, effort.fresh, seed + 1).first(FAN_PLAYS))
-    shown = np.flatnonzero(np.isfinite(best.outcomes.cue[:, 0]))[:MAX_PLACES]
-    plan["places"] = {"cue": _rounded(best.outcomes.cue[shown]), "potted": best.outcomes.potted[shown].tolist()}
+    plan |= _plays(player, best, draw_errors(model, execution, effort.fresh, seed + 1))
     others = [_stroke_entries(player, one) for one in strokes[1 : 1 + MAX_ALTERNATIVES]]
     for other in others:
         other["why"] = _comparison(plan, other)
     return head | plan | {"alternatives": others}
+
+
+def plan_of(
+    scene: Scene, model: Model, stroke: Array, why: str, execution: Execution, launcher: LauncherModel, *,
+    seed: int = 0, effort: Effort | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """A stroke that is given, as a plan: what it is expected to do, under the same errors as one that is searched.
+
+    Args:
+        scene: balls and goal; the goal need not be reached.
+        model: fitted to the same table and ball.
+        stroke: (4,), see planner/launcher/stroke.py; the nearest that can be played is.
+        why: it is played.
+        execution: how well the launcher repeats.
+        launcher: that plays it.
+        seed: of all random numbers.
+        effort: how much to compute.
+
+    Returns:
+        The plan as plain values.
+    """
+    effort, weights = effort or Effort(), UtilityWeights()
+    player = Player(model, scene, launcher)
+    rows = launcher.playable(stroke[None], scene.ball)
+    samples = draw_errors(model, execution, effort.fresh, seed + 1)
+    final, engines, _ = in_both_engines(player, samples, rows, weights, effort.checked)
+    plan = _entries(player, final[0], engines[0]) | {"pocket": None, "kind": why, "why": why, "alternatives": []}
+    return _head(player, execution, weights, GIVEN, seed) | plan | _plays(player, final[0], samples)
+
+
+def _head(player: Player, execution: Execution, weights: UtilityWeights, method: str, seed: int) -> dict[str, Any]:
+    """The entries of a plan that do not depend on its stroke."""
+    model = player.model
+    return {
+        "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene),
+        "model": {"effects": [e.name() for e in model.effects], "fitted": bool(model.estimates)},
+        "execution": asdict(execution), "wish": asdict(weights),
+    }  # fmt: skip
+
+
+def _plays(player: Player, evaluation: Evaluation, samples: ErrorSamples) -> dict[str, Any]:
+    """The entries of the plays that a stroke was evaluated by; `samples` are theirs."""
+    shown = np.flatnonzero(np.isfinite(evaluation.outcomes.cue[:, 0]))[:MAX_PLACES]
+    places = {
+        "cue": _rounded(evaluation.outcomes.cue[shown]), "potted": evaluation.outcomes.potted[shown].tolist(),
+    }  # fmt: skip
+    return {"fan": _fan(player, evaluation, samples.first(FAN_PLAYS)), "places": places}
 
 
 def _baseline_stroke(
@@ -142,12 +183,15 @@ def _stroke_entries(player: Player, stroke: RankedStroke) -> dict[str, Any]:
     over = ("no cushion", "one cushion", "two cushions", "three cushions")
     kind = f"{describe_route(stroke.route)}; {spin_in_words(evaluation.q, player.scene.ball.radius)}, "
     kind += f"cue ball over {over[after] if after < len(over) else f'{after} cushions'} after it"
-    track = player.tracks(evaluation.q[None], every=TRACK_PERIOD_S)[0]
+    return _entries(player, evaluation, stroke.engines) | {"pocket": list(POCKETS[stroke.route.pocket]), "kind": kind}
+
+
+def _entries(player: Player, evaluation: Evaluation, engines: dict[str, float]) -> dict[str, Any]:
+    """What a stroke is, and what it does."""
     return {
         "stroke": stroke_terms(player.launcher, evaluation.q),
-        "launcher": player.launcher.command(player.model, evaluation.q),
-        "pocket": list(POCKETS[stroke.route.pocket]), "kind": kind, **evaluation.figures(player.scene),
-        "tracks": moving(track), "engines": stroke.engines,
+        "launcher": player.launcher.command(player.model, evaluation.q), **evaluation.figures(player.scene),
+        "tracks": moving(player.tracks(evaluation.q[None], every=TRACK_PERIOD_S)[0]), "engines": engines,
     }  # fmt: skip
 
 

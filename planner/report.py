@@ -31,7 +31,9 @@ from models.shot import Array, Ball, Table
 from planner.report_figures import face_svg, rest_svg, table_from_above, thumbnail_svg
 
 REPORT_TEMPLATE = Path(__file__).with_name("templates") / "plan.html.j2"
-METHOD_NAMES = {"risk": "expected utility under execution and model errors", "ga": "genetic algorithm"}
+METHOD_NAMES = {
+    "risk": "expected utility under execution and model errors", "ga": "genetic algorithm", "given": "a given stroke",
+}  # fmt: skip
 
 
 def write_report(path: Path | str, plan: Mapping[str, Any], title: str) -> None:

@@ -58,6 +58,9 @@ class Series:
     )
     shots: int = given("--shots", "N", "Shots at most.", int, 60)
     every: int = given("--every", "N", "Shots between refits.", int, 10)
+    chosen: int = given(
+        "--chosen", "N", "Shots after each refit, at most, that are chosen to tell which model is right.", int, 3
+    )
     balls: int = given("--balls", "N", "Balls in each scene, 2 to 8.", int, 2)
     seed: int = given("--seed", "N", "Seed of the random numbers.", NON_NEGATIVE, 0)
     all_shots: bool = given("--all", "", "Play all shots, even if nothing improves any more.", bool, False)
@@ -85,7 +88,7 @@ class Series:
             cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
         with_map(LauncherModel(), cueing_map, model.ball)  # of these balls, or refused before anything is played
         course = LearningConfig(
-            model, cueing_map, self.shots, self.every, self.seed, self.balls, stops=not self.all_shots
+            model, cueing_map, self.shots, self.every, self.seed, self.balls, self.chosen, stops=not self.all_shots
         )
         _ = course.study  # raises BadInput for wrong balls or table
         return course

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robot.learning.history import History, PlayedShot
+from robot.learning.history import History
 
 Block = tuple[int, int]  # first and last shot, counted from 1
 
@@ -48,12 +48,7 @@ def changes(story: History) -> list[Change]:
     return out
 
 
-def of_block(story: History, block: Block) -> list[PlayedShot]:
-    """Its shots."""
-    return [shot for shot in story.shots if block[0] <= shot.number <= block[1]]
-
-
 def pot_count(story: History, block: Block) -> tuple[float, int, int]:
-    """Of the shots whose end was seen: expected number of pots by the plans, pots, shots."""
-    seen = [shot for shot in of_block(story, block) if shot.potted is not None]
+    """Of the shots played to pot whose end was seen: expected number of pots by the plans, pots, shots."""
+    seen = [shot for shot in story.played(*block) if shot.potted is not None]
     return sum(shot.pot_probability for shot in seen), sum(bool(shot.potted) for shot in seen), len(seen)

@@ -26,7 +26,7 @@ from models import files
 from models.errors import one_line
 from models.files.faults import Faults
 from models.shot import Array
-from planner.planning import read_plan
+from planner.planning import GIVEN, read_plan
 from planner.scene import Scene, scene_from
 from robot.play import PLAYED_FORMAT, played_file
 from sysid.clips import Clip, read_clip_set
@@ -58,6 +58,11 @@ class PlayedShot:
         return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.planned_end)))
 
     @property
+    def chosen(self) -> bool:
+        """Whether it was chosen to learn from, and not to pot."""
+        return self.plan.get("method") == GIVEN
+
+    @property
     def from_wanted(self) -> float:
         """Distance of the cue ball from its wanted place [m]; nan where it fell."""
         return _number(self.played.get("from_wanted"))
@@ -87,17 +92,21 @@ class History:
     refits: tuple[Refit, ...]
     ended: str  # why it stopped by itself; "" where it did not
 
+    def played(self, first: int, last: int) -> list[PlayedShot]:
+        """Shots first to last, both counted from 1, without those that were chosen to learn from."""
+        return [s for s in self.shots if first <= s.number <= last and not s.chosen]
+
     def median_miss(self, first: int, last: int) -> float:
-        """Of shots first to last, both counted from 1 [m]; nan without any."""
-        return _median([s.miss for s in self.shots if first <= s.number <= last])
+        """Of shots first to last that were played to pot [m]; nan without any."""
+        return _median([s.miss for s in self.played(first, last)])
 
     def median_spread(self, first: int, last: int) -> float:
         """The miss that their plans predict [m]."""
-        return _median([s.spread for s in self.shots if first <= s.number <= last])
+        return _median([s.spread for s in self.played(first, last)])
 
     def floor(self, first: int, last: int) -> float:
         """The launcher's own scatter in these shots, measured by repeats [m]; nan where none were."""
-        return _median([s.floor for s in self.shots if first <= s.number <= last])
+        return _median([s.floor for s in self.played(first, last)])
 
 
 def _median(values: list[float]) -> float:

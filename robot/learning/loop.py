@@ -9,8 +9,8 @@ itself where nothing improves: the effects stay the same, and the cue ball's mis
 has not fallen in two refits.
 
 Every result is in a file as soon as it is known; nothing else is kept. An interrupted series continues with the first
-shot or refit that is missing; on the emulator the result is the same. Leaves out scenes chosen to learn from: the shots
-are those that one would play.
+shot or refit that is missing; on the emulator the result is the same. After a refit, shots that tell most come first
+(robot/learning/chosen.py); the others are those that one would play.
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ from planner.evaluation.value import UtilityWeights
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
 from planner.launcher.mapped import execution_of, with_map
 from planner.launcher.stroke import LauncherModel as Strokes
-from planner.planning import make_plan
+from planner.planning import GIVEN, make_plan
 from planner.scene import Scene
 from planner.search.search import Effort
-from planner.study.draws import Study, draw_scene
+from planner.study.draws import BALL_NAMES, Study, draw_scene
 from robot.device.launcher import Launcher
+from robot.learning.chosen import chosen_shots
 from robot.learning.history import (
     FIT_FORMAT,
     SERIES_FORMAT,
@@ -94,6 +95,7 @@ class LearningConfig:
     every: int = 10  # shots between refits
     seed: int = 0
     balls: int = 2  # in a scene
+    chosen: int = 3  # shots after a refit that are chosen to tell which model is right, at most
     stops: bool = True  # by itself, where nothing improves
     weights: UtilityWeights = field(default_factory=UtilityWeights)
     effort: Effort = field(default_factory=Effort)
@@ -102,6 +104,8 @@ class LearningConfig:
         """BadInput for values out of range."""
         if not 1 <= self.shots <= 9999 or not 4 <= self.every <= 1000:
             raise BadInput(f"{self.shots} shots, a refit every {self.every}; give 1 to 9999, and 4 to 1000")
+        if not 0 <= self.chosen < self.every:
+            raise BadInput(f"{self.chosen} chosen shots of {self.every} between refits; give 0 to {self.every - 1}")
 
     @property
     def study(self) -> Study:
@@ -110,7 +114,7 @@ class LearningConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """The settings that must not change during a series; whether and when it stops may."""
-        rest = {"every": self.every, "seed": self.seed, "balls": self.balls}
+        rest = {"every": self.every, "seed": self.seed, "balls": self.balls, "chosen": self.chosen}
         return {"format": SERIES_FORMAT, **rest, "wish": asdict(self.weights), "effort": asdict(self.effort)}
 
 
@@ -120,7 +124,7 @@ def begin(folder: Path | str, config: LearningConfig) -> None:
     model, cueing_map = folder / "start.toml", folder / "start_map.toml"
     if (folder / "course.json").is_file():
         known = read_json(folder / "course.json", SERIES_FORMAT)
-        other = [name for name, value in fixed.items() if known.get(name) != value]
+        other = [name for name, value in fixed.items() if known.get(name, value) != value]
         if not other and read_model(model).parameters() != config.model.parameters():
             other = ["model"]
         if not other and read_map(cueing_map).constants != config.cueing_map.constants:
@@ -201,24 +205,8 @@ def _play(
     watch: Callable[[int], None],
 ) -> str:  # fmt: skip
     """Plan and play one shot; its result in words."""
-    model, cueing_map = latest(folder, config, learnt)
-    strokes = with_map(Strokes(), cueing_map, model.ball)
-    for draw in range(MAX_SCENE_DRAWS):
-        report(f"shot {number}: the scene")
-        asked, _ = draw_scene(config.study, number + 10_000 * draw)
-        setup = rig.set_up(asked, number)
-        seen = setup.camera.look()
-        if lacking := [name for name in asked.names if name not in seen]:
-            raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it there and run the same command again")
-        scene = dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
-        plan = make_plan(
-            scene, model, execution_of(cueing_map), config.weights, seed=config.study.number(number, 2),
-            launcher=strokes, effort=config.effort,
-        )  # fmt: skip
-        if plan["stroke"] is not None:
-            break
-    else:
-        raise BadInput(f"shot {number}: none of {MAX_SCENE_DRAWS} scenes can be played; check model and launcher")
+    report(f"shot {number}: the scene")
+    setup, plan = _planned(folder, config, rig, number, learnt)
     path = plan_file(folder, number)
     write_json(str(path), plan | {"learnt": learnt})
     watch(number)
@@ -232,7 +220,39 @@ def _play(
     miss = "not on the table"
     if played.cue_end is not None:
         miss = f"{1e3 * float(np.hypot(*(predicted_stop(plan)[0] - played.cue_end))):.0f} mm from its planned place"
+    if plan["method"] == GIVEN:
+        return f"shot {number:3d}: played {plan['why']}; the cue ball {miss}"
     return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % predicted), the cue ball {miss}"
+
+
+def _planned(
+    folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: int
+) -> tuple[SceneSetup, dict[str, Any]]:
+    """A shot that is set up, and its plan: one that is chosen to learn from, or one of a scene that is drawn."""
+    model, cueing_map = latest(folder, config, learnt)
+    seed = config.study.number(number, 2)
+    chosen = chosen_shots(folder, learnt, model, cueing_map, BALL_NAMES, config.chosen)[number - learnt - 1 :]
+    if chosen:
+        setup, scene = _set_up(rig, chosen[0].scene, number)
+        return setup, chosen[0].plan(scene, model, cueing_map, seed, config.effort)
+    strokes = with_map(Strokes(), cueing_map, model.ball)
+    for draw in range(MAX_SCENE_DRAWS):
+        setup, scene = _set_up(rig, draw_scene(config.study, number + 10_000 * draw)[0], number)
+        plan = make_plan(
+            scene, model, execution_of(cueing_map), config.weights, seed=seed, launcher=strokes, effort=config.effort
+        )
+        if plan["stroke"] is not None:
+            return setup, plan
+    raise BadInput(f"shot {number}: none of {MAX_SCENE_DRAWS} scenes can be played; check model and launcher")
+
+
+def _set_up(rig: Rig, asked: Scene, number: int) -> tuple[SceneSetup, Scene]:
+    """A scene that is set up, and as the camera sees it."""
+    setup = rig.set_up(asked, number)
+    seen = setup.camera.look()
+    if lacking := [name for name in asked.names if name not in seen]:
+        raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it there and run the same command again")
+    return setup, dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
 
 
 def _repeat(plan: Path, rig: Rig, number: int) -> None:

@@ -29,7 +29,7 @@ from models.report.figure import (
 )
 from models.report.numbers import number
 from models.shot import Table
-from robot.learning.blocks import block_size, blocks, changes, ends, of_block, pot_count
+from robot.learning.blocks import block_size, blocks, changes, ends, pot_count
 from robot.learning.history import History, PlayedShot
 
 SINGLE_SHOT_COLOUR = "#9dbfe0"  # behind the medians
@@ -153,7 +153,7 @@ def above(story: History) -> tuple[float, Draw] | None:
     def draw(fig: Any) -> None:
         axes = fig.subplots(1, 2)
         for ax, block in zip(axes, shown, strict=False):
-            _arrows(ax, table, of_block(story, block))
+            _arrows(ax, table, story.played(*block))
             median = 1e3 * story.median_miss(*block)
             ax.set_title(f"Shots {block[0]} to {block[1]}: median miss {number(median)} mm")
         for ax in axes[len(shown) :]:
@@ -213,7 +213,7 @@ def pots(story: History) -> tuple[float, Draw] | None:
 
 def _median_away(story: History, first: int, last: int) -> float:
     """Median distance from the wanted position of shots first to last [m]; nan without any."""
-    known = [shot.from_wanted for shot in of_block(story, (first, last)) if math.isfinite(shot.from_wanted)]
+    known = [shot.from_wanted for shot in story.played(first, last) if math.isfinite(shot.from_wanted)]
     return float(np.median(known)) if known else math.nan
 
 

@@ -34,12 +34,14 @@ def _blocks(story: History, every: int) -> list[dict[str, Any]]:
     """Figures of the shots from one refit to the next."""
     blocks = []
     for first in range(1, len(story.shots) + 1, every):
-        shots = story.shots[first - 1 : first - 1 + every]
-        last = shots[-1].number
+        every_shot = story.shots[first - 1 : first - 1 + every]
+        last = every_shot[-1].number
+        shots = story.played(first, last)
         away = [s.from_wanted for s in shots if math.isfinite(s.from_wanted)]
         blocks.append({
-            "first": first, "last": last, "learnt": shots[0].learnt, "miss_median_m": story.median_miss(first, last),
-            "foreseen_median_m": story.median_spread(first, last), "scatter_median_m": story.floor(first, last),
+            "first": first, "last": last, "chosen": len(every_shot) - len(shots), "learnt": every_shot[0].learnt,
+            "miss_median_m": story.median_miss(first, last), "foreseen_median_m": story.median_spread(first, last),
+            "scatter_median_m": story.floor(first, last),
             "potted": sum(s.potted is True for s in shots), "seen": sum(s.potted is not None for s in shots),
             "promised": sum(s.pot_probability for s in shots if s.potted is not None),
             "from_wanted_median_m": float(np.median(away)) if away else math.nan,
@@ -86,7 +88,7 @@ def text_of(result: dict[str, Any]) -> str:
     parts = [
         table(rows),
         "medians: distance of the cue ball from the planned place, as measured, as predicted by the plan, and as "
-        "the launcher alone scatters; and its distance from the wanted place",
+        "the launcher alone scatters; and its distance from the wanted place; all without shots chosen to learn from",
         "",
     ]
     for r in result["refits"]:

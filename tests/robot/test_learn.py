@@ -322,7 +322,7 @@ def test_too_few_strokes_leave_the_map_as_it_was() -> None:
 
 
 RESULT = {
-    "verdict": ["table_tilt"], "unexplained": None,
+    "format": "billiard-discovery/1", "verdict": ["table_tilt"], "unexplained": None, "next_shots": [],
     "ladder": [{"rms_m": 5e-4, "held_out_rms_m": None, "chi2_reduced": 1.0}],
     "parameters": {"decoupled_cloth.roll": {"value": 0.0125, "sd": 1e-5, "unit": "1"}},
 }  # fmt: skip
@@ -372,6 +372,7 @@ def test_a_folder_is_one_series(tmp_path: Path) -> None:
     other_map = dataclasses.replace(MAP, constants=TRUE)
     for change, says in (
         ({"seed": 1}, "another seed"), ({"every": 5}, "another every"), ({"balls": 3}, "another balls"),
+        ({"chosen": 0}, "another chosen"),
         ({"model": MODEL.with_values({"decoupled_cloth.roll": 0.01})}, "another model"),
         ({"cueing_map": other_map}, "another map"),
     ):  # fmt: skip
@@ -389,3 +390,8 @@ def test_a_folder_is_one_series(tmp_path: Path) -> None:
 def test_what_is_no_series_is_named(change: dict[str, int]) -> None:
     with pytest.raises(BadInput, match=f"{next(iter(change.values()))}.*; give 1 to 9999, and 4 to 1000"):
         dataclasses.replace(COURSE, **change)
+
+
+def test_shots_that_are_chosen_leave_one_to_be_played() -> None:
+    with pytest.raises(BadInput, match="4 chosen shots of 4 between refits; give 0 to 3"):
+        dataclasses.replace(COURSE, chosen=4)

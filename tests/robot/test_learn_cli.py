@@ -91,8 +91,8 @@ def kept(folder: Path) -> dict[str, bytes]:
 
 def test_options_say_what_a_course_and_a_stand_are_without_them() -> None:
     given = learn.make_context("learn", ["--out", "x"]).params
-    numbers = [given[name] for name in ("shots", "every", "seed", "balls")]
-    assert numbers == [60, 10, 0, 2]
+    numbers = [given[name] for name in ("shots", "every", "seed", "balls", "chosen")]
+    assert numbers == [60, 10, 0, 2, 3]
     assert LearningConfig(MODEL, MAP) == LearningConfig(MODEL, MAP, *numbers, not given["all_shots"])
     assert given["repeats"] == EmulatedRig(MODEL, Constants()).repeats
 
@@ -228,6 +228,8 @@ def test_bad_input_is_one_line_status_2_and_leaves_nothing(run: Run, tmp_path: P
     for words, part in (
         (("--shots", 0), "0 shots"),
         (("--every", 3), "a refit every 3"),
+        (("--chosen", 10), "10 chosen shots"),
+        (("--chosen", -1), "-1 chosen shots"),
         (("--balls", 1), "1 balls"),
         (("--balls", 9), "9 balls"),
         (("--seed", -1), "--seed -1"),

@@ -166,7 +166,7 @@ def _fits(scene: Scene, table: Table, radius: float) -> bool:
     return all(bool(np.all(np.abs(ball.xy) < room)) for ball in scene.balls.values())
 
 
-def _film(motion: Motion, fps: float) -> Motion:
+def film(motion: Motion, fps: float) -> Motion:
     """The motion until a little after all has come to rest."""
     still = np.flatnonzero(motion.resting)
     if len(still) == 0:
@@ -208,7 +208,7 @@ def play(
         scene = kind.draw(Draw(rng, table, c))
         if not _fits(scene, table, c.radius):
             continue
-        motion = _film(simulate(table, c, scene.balls, times, step), fps)
+        motion = film(simulate(table, c, scene.balls, times, step), fps)
         if _shows(kind, motion, open_cloth):
             return Shot(name, scene, rolled(motion, table, c, scene.balls, step))
     raise NoShot(
