@@ -32,7 +32,7 @@ from sysid.estimation.residual_rows import Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import SharedConstants
 from sysid.estimation.solver.least_squares import Moves, batches, loss, weights
-from sysid.estimation.solver.normal_equations import NormalEquations, from_derivatives, from_differences
+from sysid.estimation.solver.normal_equations import NormalEquations, from_columns, from_derivatives, from_differences
 from sysid.estimation.windows import Mask, Windows, columns
 
 PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
@@ -199,6 +199,13 @@ def limited_move(at: Array, forward: Array, backward: Array) -> Array:
     return at + np.where(ahead * behind > 0, slope, 0.0)
 
 
+def _derivatives(moved: Array, at: Array, steps: Array) -> Array:
+    """Finite derivatives (k, n, m) from residuals (k, n, m) that were moved by steps (k,) from those at a point."""
+    found = moved - at
+    found /= steps[:, None, None]
+    return np.nan_to_num(found, copy=False)
+
+
 def _differences(
     chain: Chain, states: Array, c: Array, steps_c: Array, beside: Sequence[Beside], limited: bool
 ) -> tuple[NormalEquations, Array]:
@@ -208,7 +215,8 @@ def _differences(
     `equations`.
     """
     count, p = states.shape  # of windows, and of what each has
-    steps = np.concatenate([chain.windows.steps, steps_c, *(np.sign(one.probe) for one in beside)])
+    own = np.concatenate([chain.windows.steps, steps_c])
+    steps = np.concatenate([own, *(np.sign(one.probe) for one in beside)])
     k = len(steps)
     normal = NormalEquations(np.empty(count), np.empty((count, k, k)), np.empty((count, k)))
     ends = np.empty((1 + k, count, p))
@@ -219,20 +227,26 @@ def _differences(
     for which in batches(chain.windows.lengths):
         x, free = states[which], chain.windows.free[which]
         moves = Moves.of(x, c, which, chain.windows.steps, steps_c, free=free)
-        rows, last = ([moves.laid_out(part)] for part in chain.play(moves.x, moves.c, moves.which))
+        rows, last = (moves.laid_out(part) for part in chain.play(moves.x, moves.c, moves.which))
         if inside.size:
             back = Moves.of(x, c, which, NO_STEPS, -steps_c)
-            for moved, found in zip((rows[0], last[0]), chain.play(back.x, back.c, back.which), strict=True):
+            for moved, found in zip((rows, last), chain.play(back.x, back.c, back.which), strict=True):
                 moved[1 + p + inside] = limited_move(moved[0], moved[1 + p + inside], back.laid_out(found)[1 + inside])
-        for one in beside:
-            constants = np.hstack([np.tile(c, (one.off.size, 1)), one.off + np.diag(one.probe)])
-            with_it = one.chain.play(
-                np.tile(x, (one.off.size, 1)), constants.repeat(len(which), axis=0), np.tile(which, one.off.size)
-            )
-            for to, found in zip((rows, last), with_it, strict=True):
-                to.append(found.reshape(one.off.size, len(which), -1))
-        ends[:, which] = np.concatenate(last)
-        part = from_differences(np.concatenate(rows), steps, CAUCHY_SD)
+        ends[: len(last), which] = last
+        if not beside:
+            part = from_differences(rows, steps, CAUCHY_SD)
+        else:
+            columns, at = [_derivatives(rows[1:], rows[0], own)], len(last)
+            for one in beside:
+                more = one.off.size
+                constants = np.hstack([np.tile(c, (more, 1)), one.off + np.diag(one.probe)])
+                r, last = one.chain.play(
+                    np.tile(x, (more, 1)), constants.repeat(len(which), axis=0), np.tile(which, more)
+                )
+                columns.append(_derivatives(r.reshape(more, *rows[0].shape), rows[0], np.sign(one.probe)))
+                ends[at : at + more, which] = last.reshape(more, len(which), -1)
+                at += more
+            part = from_columns(rows[0], [column for block in columns for column in block], CAUCHY_SD)
         normal.loss[which], normal.matrix[which], normal.gradient[which] = part.loss, part.matrix, part.gradient
     ends[1:] = np.nan_to_num((ends[1:] - ends[0]) / steps[:, None, None])
     return normal, ends
