@@ -77,11 +77,56 @@ def sagging_camera(seen: tuple[float, float], order: float) -> tuple[float, floa
     return seen[0] + 0.008 * order, seen[1]
 
 
+def uneven_stretch(world: World) -> None:
+    """Rolling friction grows along the table: times 1 + 0.12 x."""
+    world.roll = _times(world.roll, lambda seen: 1.0 + 0.12 * seen.ball[0])
+
+
+def two_pieces(world: World) -> None:
+    """Sliding friction 1.25 times where y is above 0.1 m."""
+    world.slide = _times(world.slide, lambda seen: 1.25 if seen.ball[1] > 0.1 else 1.0)
+
+
+def chalky_stretch(world: World) -> None:
+    """The cushion at +y has 0.10 more friction between x = -0.9 and 0.3 m."""
+    world.cushion_mu = _plus(
+        world.cushion_mu, lambda seen: 0.10 if seen.rail == "+y" and -0.9 < seen.ball[0] < 0.3 else 0.0
+    )
+
+
+def tired_rubber(world: World) -> None:
+    """A cushion returns less by 0.06 for every m/s of approach beyond 1.2 m/s."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.06 * max(0.0, seen.approach - 1.2))
+
+
+def soft_red(world: World) -> None:
+    """The red ball comes back from cushions with 0.06 less restitution."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.06 if seen.number == 1 else 0.0)
+
+
+def gripping_spin(world: World) -> None:
+    """Friction of balls grows by 0.0015 for every radian a second of the striking ball's sidespin."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: 0.0015 * abs(seen.ball[6]))
+
+
+def bent_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is bent: x + 0.008 y^2."""
+    return seen[0] + 0.008 * seen[1] ** 2, seen[1]
+
+
+def slow_zoom(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image grows along x in the session, by 0.4 % in all."""
+    return seen[0] * (1.0 + 0.004 * order), seen[1]
+
+
 PHYSICS: dict[str, Change] = {
     one.__name__: one
-    for one in (worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball, warm_room)
+    for one in (
+        *(worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball, warm_room),
+        *(uneven_stretch, two_pieces, chalky_stretch, tired_rubber, soft_red, gripping_spin),
+    )
 }
-PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera)}
+PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera, bent_picture, slow_zoom)}
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")
 
 
