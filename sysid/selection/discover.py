@@ -29,6 +29,7 @@ from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
 from sysid.selection.screening import candidates_for
 from sysid.selection.search import Found, search
+from sysid.selection.signatures import at_sizes
 from sysid.selection.stability import stability_of
 
 log = logging.getLogger(__name__)
@@ -114,7 +115,8 @@ def _ended(
         described |= {"rms_m": now.rms, "held_out_rms_m": now.held_rms, "chi2_reduced": now.chi2}
         result = dataclasses.replace(result, unexplained=described, explained=now)
     else:
-        losses = plain.linearised([one for one in candidates_for(last.model) if one.name not in result.refuted])
+        others = [one for one in candidates_for(last.model) if one.name not in result.refuted]
+        losses = plain.linearised(at_sizes(others))
         stability = stability_of(plain.point, verdict, losses, plain.design_effect, error_rate)
         result = dataclasses.replace(result, unexplained=remainder(last), stability=stability)
     shots = propose_next(result.parts, result.last, result.rounds, result.verdict, error_rate)

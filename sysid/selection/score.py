@@ -39,7 +39,6 @@ class Score:
     predicted_improvement: float  # fall of chi-square by the linear model
     values: Array  # (k,) parameter values that give it
     sd: Array  # (k,) their standard deviations
-    sudden: bool = False  # see `Signature`: then the prediction is a rough one
 
 
 @dataclass(frozen=True)
@@ -179,16 +178,18 @@ def _without_constants(information: Array, gradient: Array, q: int) -> tuple[Arr
 
 
 def _score(s: Signature, schur: Array, gradient: Array, marginal: Array) -> Score:
-    """Score of one candidate from its Schur information (k, k), gradient (k,) and marginal information (k,)."""
+    """Score of one candidate, within its bounds, from its Schur information (k, k), gradient and marginal (k,)."""
     k = len(s.probe)
     distinct = np.diag(schur) > MIN_INFORMATION_LEFT * np.maximum(marginal, 1e-300)
-    improvement, step, sd = 0.0, np.zeros(k), np.full(k, np.inf)
+    step, sd = np.zeros(k), np.full(k, np.inf)
     if distinct.any():
         inverse = np.linalg.pinv(schur[np.ix_(distinct, distinct)], rcond=1e-10)
-        improvement = float(gradient[distinct] @ inverse @ gradient[distinct])
-        step[distinct] = -inverse @ gradient[distinct] * s.probe[distinct]
+        step[distinct] = -inverse @ gradient[distinct]
         sd[distinct] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[distinct]
-    return Score(s.candidate, improvement, s.candidate.off() + step, sd, s.sudden)
+    low, high = (s.candidate.bounds() - s.candidate.off()[:, None]).T / s.probe
+    step = np.clip(step, low, high)
+    improvement = -float(2.0 * gradient @ step + step @ schur @ step)
+    return Score(s.candidate, max(improvement, 0.0), s.candidate.off() + step * s.probe, sd)
 
 
 def add_known(information: Array, gradient: Array, point: Point, signatures: Sequence[Signature]) -> None:

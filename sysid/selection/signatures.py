@@ -20,8 +20,6 @@ PROBE_CHANGE_SD = 0.5  # change of the residuals that a probe aims at, median ov
 FIRST_PROBE_OF_RANGE = 1e-3  # of the bounds' width
 PROBE_LIMITS_OF_RANGE = (1e-7, 0.4)  # smallest and largest probe, of the bounds' width
 PROBE_PASSES = 4  # at most, to find a probe of the wanted change
-MAX_FADED_CHANGE = 3.0  # times PROBE_CHANGE_SD: what an effect that fades with its parameter may still change
-NOT_FADING_RATIOS = (0.3, 0.7)  # a probe so much smaller than the last that still has so much of its change
 LARGER_SIZE = 3.0  # times the usual one, of an effect that vanishes at a bound
 MAX_CHANGE_SD = 30.0  # a residual that changes more met another ball: no derivative
 
@@ -82,7 +80,6 @@ class Signature:
     candidate: Candidate
     probe: Array  # (k,) change of each parameter from its off value
     columns: Array  # (k, n, m) change of the residuals [standard deviations]
-    sudden: bool = False  # whether it does not fade as its parameters go to off: then the probe is its usual size
 
 
 def signature(point: Point, base: Array, one: Candidate, quick: bool = False) -> Signature:
@@ -103,8 +100,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     probe = np.minimum(FIRST_PROBE_OF_RANGE * width, room)
     n, rows = len(point.initial_states), np.arange(len(point.initial_states))
     columns = np.zeros((k, *base.shape))
-    todo, before = np.arange(k), np.full((2, k), np.inf)  # probe and size of the pass before
-    sudden: list[int] = []
+    todo = np.arange(k)
 
     def changes(which: Index, by: Array) -> dict[int, Array]:
         """Change of the residuals with each of these parameters moved from off."""
@@ -125,27 +121,19 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
             size = _size(change[j], used)
             low, high = PROBE_LIMITS_OF_RANGE[0] * width[j], min(PROBE_LIMITS_OF_RANGE[1] * width[j], room[j])
             wanted = float(np.clip(probe[j] * np.clip(PROBE_CHANGE_SD / max(size, 1e-9), 1e-3, 1e3), low, high))
-            not_fading = probe[j] < NOT_FADING_RATIOS[0] * before[0, j] and size > NOT_FADING_RATIOS[1] * before[1, j]
-            if size > MAX_FADED_CHANGE * PROBE_CHANGE_SD and not_fading:
-                sudden.append(j)
-                continue
-            before[:, j] = probe[j], size
             if not 0.3 < wanted / probe[j] < 3.0:
                 probe[j] = wanted
                 again.append(j)
         if not again:
             break
         todo = np.array(again)
-    if sudden:
-        there = secant(point, base, one, 1.0)
-        probe[sudden], columns[sudden] = there.probe[sudden], there.columns[sudden]
     # Central differences, where both sides are within the bounds, cancel even terms and the integrator's step error.
-    two = np.setdiff1d(np.flatnonzero(both > probe), sudden)
+    two = np.flatnonzero(both > probe)
     if two.size and not quick:
         for number, part in changes(two, -sign * probe).items():
             columns[number] = 0.5 * (columns[number] - part * sign[number])
     columns[np.abs(columns) > MAX_CHANGE_SD] = 0.0
-    return Signature(one, probe, columns, bool(sudden))
+    return Signature(one, probe, columns)
 
 
 def _size(change: Array, used: Array) -> float:

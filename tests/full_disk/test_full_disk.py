@@ -29,6 +29,7 @@ def filled(points: int, verbs: list[str]) -> str:
     return "" if done.returncode == 0 else done.stdout + done.stderr[-2000:]
 
 
+@pytest.mark.slow
 def test_verbs_on_a_full_disk() -> None:
     assert filled(4, QUICK) == ""
 

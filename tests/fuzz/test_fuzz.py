@@ -34,6 +34,7 @@ def ready() -> None:
     prepare()
 
 
+@pytest.mark.slow
 def test_changed_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
     assert main(["--count", str(SHORT_COUNT), "--verbs", "40", "--out", str(tmp_path / "fuzz")]) == 0
 

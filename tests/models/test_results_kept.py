@@ -86,6 +86,7 @@ def test_a_result_is_replaced_by_the_same_command_alone(place: Path, capsys: pyt
     assert sysid.cli.main([*words[:-1], "mine.toml"]) == 2 and Path("mine.toml").read_text() == "a = 1\n"
 
 
+@pytest.mark.slow
 def test_a_folder_of_results_as_well(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree("clips", "others")
     text = Path("others/clips.toml").read_text()

@@ -359,6 +359,7 @@ def test_views_of_the_recording(tmp_path: Path, plan: dict[str, Any]) -> None:
     assert timelines == {"shot_time"}
 
 
+@pytest.mark.slow
 def test_a_bad_place_is_named_and_nothing_is_left(tmp_path: Path, plan: dict[str, Any]) -> None:
     for place in (tmp_path / "nowhere" / "x", tmp_path):
         for write in (

@@ -145,6 +145,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_jobs_and_order_change_no_figure(folder: Path) -> None:
     kept = study_folder.read_scenes(folder, 3)
     assert [s["number"] for s in kept] == [1, 2, 3] and not any("error" in s for s in kept)

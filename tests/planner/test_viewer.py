@@ -71,6 +71,7 @@ def watched(pictures: int, keys: dict[int, int], pace: float = 1.0) -> list[tupl
     return stand.seen
 
 
+@pytest.mark.slow
 def test_the_stroke_is_played_in_real_time_and_slower() -> None:
     seen = watched(31, {})
     assert seen[0] == (0.0, -1.0, 1.5)

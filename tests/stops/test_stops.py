@@ -13,6 +13,7 @@ from tests.stops.rounds import FROM_ELSEWHERE, WAYS, play
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_a_series_stops_in_time_and_says_so(way: str) -> None:
     rate = 0.05 if way in FROM_ELSEWHERE else 0.0

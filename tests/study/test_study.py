@@ -97,6 +97,7 @@ def test_every_effect_is_known_by_the_parameters_of_its_model() -> None:
         assert key in catalogue()[effect].parameters()
 
 
+@pytest.mark.slow
 def test_a_study_without_a_fault_is_reported_as_such() -> None:
     entries = plan()
     results = [perfect(e) for e in entries]

@@ -229,6 +229,7 @@ def test_only_clip_sets_are_replaced(folder: Path, tmp_path: Path, monkeypatch: 
 # Data
 
 
+@pytest.mark.slow
 def test_shared_data_has_no_faults(data_folder: Path) -> None:
     folders = [data_folder / "carom-match", *sorted((data_folder / "hidden").glob("set-*/"))]
     if not all((folder / "clips.toml").is_file() for folder in folders):

@@ -106,6 +106,7 @@ def seen(motion: Motion, missing: float = 0.0) -> Filmed:
     return film(motion, np.random.default_rng(1), SNOOKER, missing)
 
 
+@pytest.mark.slow
 def test_every_event_lies_beside_a_cut(many: list[Filmed]) -> None:
     total = 0
     for shot in many:

@@ -165,6 +165,7 @@ def test_intervals_hold_the_step_that_remains_and_what_halves_differ_by(chain: t
     assert found.converged and not far.converged
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 2])
 def test_shots_too_few_for_halves_are_fitted_without_what_halves_differ_by(count: int) -> None:
     model = true_model(*CAROM)

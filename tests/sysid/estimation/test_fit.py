@@ -275,6 +275,7 @@ def test_real_shots_are_compared(data_folder: Path) -> None:
     assert all(np.isfinite(d.ratio) for d in comparison.where)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [3, 4], ids=["training", "held out"])
 def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(
     case: Case, start: Model, found: ClipFit, row: int

@@ -21,6 +21,7 @@ from sysid.estimation.state_search import searched_states
 from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, SNOOKER, long_shots, struck_rms, true_model
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("table", [CAROM, SNOOKER], ids=["carom", "snooker"])
 def test_long_shots_are_found_at_the_noise(table: tuple[Table, Ball]) -> None:
     """With the true model each ends where it was: the noise has two axes."""
@@ -45,6 +46,7 @@ def test_a_shot_begins_as_seen_before_its_first_impact() -> None:
     assert struck_rms(problem, found_states(problem, NO_CONSTANTS))[0] < 1.2 * math.sqrt(2) * NOISE_M
 
 
+@pytest.mark.slow
 def test_a_shot_is_found_whatever_others_are_beside_it() -> None:
     model = true_model(*CAROM)
     problem = shot_problem(model, (), long_shots(model, 8, 3), NOISE_M)
@@ -55,6 +57,7 @@ def test_a_shot_is_found_whatever_others_are_beside_it() -> None:
         assert searched_states(alone, NO_CONSTANTS).tobytes() == together[k : k + 1, :width].tobytes()
 
 
+@pytest.mark.slow
 def test_derivatives_after_a_dozen_impacts_are_those_of_half_the_step() -> None:
     """A longer step than the state is known to leaves the range in which a shot is linear."""
     model = true_model(*CAROM)

@@ -78,13 +78,14 @@ def test_quick_scores_are_nearly_the_same(drag: Point) -> None:
     assert quick.rows[0].predicted_improvement == pytest.approx(slow.rows[0].predicted_improvement, rel=0.05)
 
 
-def test_an_effect_that_does_not_fade_is_looked_at_its_usual_size(tmp_path: Path) -> None:
-    """The least lever takes the whole deceleration from a sliding ball's sidespin: its slope at off says nothing."""
+def test_an_effect_is_scored_within_its_bounds(tmp_path: Path) -> None:
+    """The least lever takes the whole deceleration from a sliding ball's sidespin, and its slope there points below 0."""
     words = ("--clips", "3", "--seconds", "2", "--kind", "side,cushion_side", "--effect", "spin_slide_coupling=0.012")
     point = at_the_truth(tmp_path / "set", *words)
-    names = ("spin_slide_coupling", "table_tilt", "side_curve")
-    rows = {row.candidate.name: row for row in score_all(point, [candidate(effect_class(n)) for n in names]).rows}
-    assert [name for name, row in rows.items() if row.sudden] == ["spin_slide_coupling"]
+    one = candidate(effect_class("spin_slide_coupling"))
+    slope, size = (score_all(point, [dataclasses.replace(one, size=size)]).rows[0] for size in (None, 3.0))
+    assert (slope.values.tolist(), slope.predicted_improvement) == ([0.0], 0.0)
+    assert size.values[0] > 0.0 and size.predicted_improvement > 1.0
 
 
 def test_what_is_known_beside_the_clips_counts(drag: Point) -> None:

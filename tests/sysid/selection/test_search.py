@@ -61,6 +61,7 @@ def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     assert not any(name.startswith("side_curve") for name in kept[0].names)
 
 
+@pytest.mark.slow
 def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: Path) -> None:
     """However many steps each of the two has come: beside the effect such a term explains nothing."""
     words = ("--seed", "9", "--clips", "8", "--kind", "cushion", "--effect", "cushion_restitution_speed=0.09")
@@ -83,6 +84,7 @@ def test_a_term_that_is_the_law_of_an_effect_does_not_take_its_place(tmp_path: P
     assert without_needless(both, (best.name,), formula, Threshold(290, 0.05))[1:] == ((best.name,), None)
 
 
+@pytest.mark.slow
 def test_whole_shots_name_it_as_well(drag: Made) -> None:
     parts, _, base = drag
     view = ByWholeShots(parts, fit_on(parts, base, base, "whole shots"))

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
 
 from models.model_file import effect_class, full_model
 from models.shot import Ball, Table
@@ -57,6 +58,7 @@ def test_an_effect_that_every_shot_shows_returns_in_every_draw() -> None:
     assert found.times == {"air_drag": found.draws} and found.same == found.draws
 
 
+@pytest.mark.slow
 def test_what_few_shots_show_and_the_others_do_not_never_returns() -> None:
     """They depart by themselves: what they say of its size is not what the others say."""
     for some in ((7,), (7, 8, 9)):

@@ -115,6 +115,7 @@ def test_a_cell_acts_in_its_place_alone() -> None:
     assert np.abs(near.position - plain.position).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_every_shape_is_read_again_as_it_was_written() -> None:
     """Of every variable that a quantity may depend on; on the cloth both engines know where a step lies."""
     for quantity, variables in SEEN_BY.items():

@@ -44,12 +44,14 @@ def rows() -> list[MatchResult]:
     return list(match.rows(count=40, shots=12, few=True))
 
 
+@pytest.mark.slow
 def test_effects_reach_every_figure(rows: list[MatchResult]) -> None:
     missed = [match.line(row) for row in rows if not row.ok]
     assert not missed
     assert sum(row.tolerance is not None for row in rows if not row.case.startswith("effect ")) == 21
 
 
+@pytest.mark.slow
 def test_every_effect_of_the_catalogue_has_its_rows(rows: list[MatchResult]) -> None:
     base = {"decoupled_cloth", "ball_impact", "cushion_impact"}
     for name in {"none", *catalogue()} - base:
@@ -68,6 +70,7 @@ def test_an_effect_of_one_s_own_has_rows_too(tmp_path: Path, monkeypatch: pytest
     assert all(row.ok and row.case.startswith("effect headwind, 6 shots") for row in found)
 
 
+@pytest.mark.slow
 def test_native_contact_misses_by_far_more(rows: list[MatchResult]) -> None:
     ours = {row.case: row.error for row in rows if row.model == "effects"}
     pairs = [
@@ -81,6 +84,7 @@ def test_native_contact_misses_by_far_more(rows: list[MatchResult]) -> None:
     assert all(native > 3 * effects for native, effects in pairs)
 
 
+@pytest.mark.slow
 def test_both_models_are_held_against_the_same_cases(rows: list[MatchResult]) -> None:
     by = [{row.case for row in rows if row.model == name} for name in ("native", "effects")]
     assert by[0] <= by[1]
@@ -88,6 +92,7 @@ def test_both_models_are_held_against_the_same_cases(rows: list[MatchResult]) ->
         assert any(case.startswith(part) for case in by[0])
 
 
+@pytest.mark.slow
 def test_effects_meet_the_measurements_as_the_analytic_models_do(rows: list[MatchResult]) -> None:
     found = [row for row in rows if row.model == "effects" and "Mathavan" in row.case]
     assert len(found) == 6

@@ -309,6 +309,7 @@ def test_the_command_writes_camera_report_and_figures(
     assert told["focal_sd"] is None
 
 
+@pytest.mark.slow
 def test_the_command_says_when_it_is_not_to_be_trusted(
     straight: tuple[Camera, Picture], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

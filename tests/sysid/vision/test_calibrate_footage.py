@@ -33,6 +33,7 @@ def view() -> tuple[Camera, Picture]:
     return camera, taken(camera, REAL)
 
 
+@pytest.mark.slow
 def test_the_nose_is_neither_its_shadow_nor_the_end_of_the_cloth(view: tuple[Camera, Picture]) -> None:
     camera, picture = view
     found = calibrate(picture, camera.table, DIAMETER)

@@ -347,6 +347,7 @@ def test_balls_at_rest_tell_how_steady_a_measure_is() -> None:
     assert unsteadiness(cast(Detector, Jumping()), pictures[:2]) == 0.0
 
 
+@pytest.mark.slow
 def test_an_arm_and_a_cue_are_no_balls_however_small_these_are(tmp_path: Path) -> None:
     """Outlines of balls of 4 pixels hold all that is there: cue, hand and sleeve became four balls."""
     camera = overhead(Table(3.569, 1.778), 0.0525, (640, 360), 6.0, 4.2, (0.05, -0.05))

@@ -81,6 +81,7 @@ def test_a_swept_disc_covers_what_its_exposure_says() -> None:
     assert share[0] == share[-1] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("light", [(0.45, 0.3), (-0.1, -0.5)])
 def test_light_from_aside_does_not_draw_a_ball_to_its_side(light: tuple[float, float], tmp_path: Path) -> None:
     """It did by 0.6 pixels."""
@@ -94,12 +95,14 @@ def test_light_from_aside_does_not_draw_a_ball_to_its_side(light: tuple[float, f
         print(name, np.round(found[name] - true[name], 3))
 
 
+@pytest.mark.slow
 def test_a_webcam_s_pictures_are_known_to_be_rough(shot: Shot) -> None:
     _, _, detector, _ = shot
     assert detector.rough
     assert {name for name, _ in detector.ball_colours} == set(NAMES), "neither the hand nor the ring is a ball"
 
 
+@pytest.mark.slow
 def test_a_shot_is_followed_and_its_noise_told(shot: Shot) -> None:
     motion, pictures, detector, folder = shot
     shutter = Shutter()
@@ -130,6 +133,7 @@ def moving_scatter(found: Tracked, motion: Motion, scale: float) -> float:
     return float(np.sqrt(np.sum(left**2) / (2 * (len(off) - 5))))
 
 
+@pytest.mark.slow
 def test_the_sweep_says_where_a_fast_ball_is(shot: Shot) -> None:
     """At 3 m/s a ball covers more than its radius during the exposure."""
     _, _, detector, _ = shot
@@ -147,6 +151,7 @@ def test_the_sweep_says_where_a_fast_ball_is(shot: Shot) -> None:
 
 
 @pytest.mark.parametrize("off", [(-8.0, 0.0), (5.0, 4.0), (0.0, -9.0)])
+@pytest.mark.slow
 def test_where_a_disc_is_found_does_not_depend_on_where_it_was_expected(shot: Shot, off: tuple[float, float]) -> None:
     motion, pictures, detector, _ = shot
     colour = detector._in_picture(detector.background.view(pictures[0]), dict(detector.ball_colours)["white"])
@@ -172,6 +177,7 @@ def test_a_fit_settles_where_the_disc_does_not_match() -> None:
     assert np.hypot(*(fits[1].xy - fits[0].xy)) < 0.02
 
 
+@pytest.mark.slow
 def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
     """A white ball fits better than a dark one, for all that is expected beside it."""
     _, _, detector, _ = shot
@@ -192,6 +198,7 @@ def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
 
 
 @pytest.mark.parametrize("gain", [1.0, 3.0])
+@pytest.mark.slow
 def test_a_ball_with_the_cue_still_at_it_is_found_where_it_is(shot: Shot, gain: float) -> None:
     """It was expected to rest, 0.7 radii behind; overexposed, its sweep is as bright as a ball at rest."""
     _, _, detector, _ = shot
@@ -211,6 +218,7 @@ def test_a_ball_with_the_cue_still_at_it_is_found_where_it_is(shot: Shot, gain: 
     assert np.hypot(*(fit.xy - at)) < 0.06 * radius
 
 
+@pytest.mark.slow
 def test_doubled_and_missing_frames_are_told(shot: Shot, tmp_path: Path) -> None:
     _, pictures, detector, _ = shot
     changed = [*pictures[:24], pictures[23], *pictures[24:32], *pictures[34:]]

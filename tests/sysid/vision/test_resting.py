@@ -34,6 +34,7 @@ def test_balls_at_rest_all_along_do_not_hide_in_the_backdrop(tmp_path: Path) -> 
     assert sorted(s.name for s in single.find(pictures[0])) == sorted(THREE)
 
 
+@pytest.mark.slow
 def test_a_ball_at_rest_out_of_focus_does_not_hide_in_the_backdrop(tmp_path: Path) -> None:
     camera = camera_of(10)
     places = np.array([[(0.2, 0.1), (-0.3 + 0.06 * k, -0.15)] for k in range(9)])
@@ -44,6 +45,7 @@ def test_a_ball_at_rest_out_of_focus_does_not_hide_in_the_backdrop(tmp_path: Pat
         assert [s.name for s in detector.find(picture) if np.hypot(*(s.xy - truth)) < 2.0] == ["white"]
 
 
+@pytest.mark.slow
 def test_balls_that_touch_each_other_and_a_cushion_all_along_are_balls(tmp_path: Path) -> None:
     camera = overhead(Table(1.2, 0.65), 0.0523, (640, 380), 1.5, 1.36)
     row = np.array([(0.1 + 0.0005 * k, 0.65 / 2 - 0.026 * NOSE_COSINE - 0.0525 * k) for k in range(4)])

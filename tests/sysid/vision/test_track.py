@@ -90,6 +90,7 @@ def test_noise_that_nothing_shows_is_not_printed_as_a_number() -> None:
     assert Noise(math.nan, math.nan).text() == "noise not known: too few frames show a ball"
 
 
+@pytest.mark.slow
 def test_fifty_random_shots_of_three_balls() -> None:
     """Every one is found, of the ball that was struck, however it collides."""
     rng = np.random.default_rng(1)
