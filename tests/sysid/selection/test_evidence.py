@@ -79,7 +79,7 @@ def test_quick_scores_are_nearly_the_same(drag: Point) -> None:
 
 
 def test_an_effect_is_scored_within_its_bounds(tmp_path: Path) -> None:
-    """The least lever takes the whole deceleration from a sliding ball's sidespin, and its slope there points below 0."""
+    """The least lever takes the whole deceleration from a sliding ball's sidespin: its slope points below 0."""
     words = ("--clips", "3", "--seconds", "2", "--kind", "side,cushion_side", "--effect", "spin_slide_coupling=0.012")
     point = at_the_truth(tmp_path / "set", *words)
     one = candidate(effect_class("spin_slide_coupling"))
