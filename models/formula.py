@@ -52,7 +52,8 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     POWER,  # x^a y^b (x^2 + y^2)^c
     ALONG_RAIL,  # power a of the distance from the middle of a rail [m]
     WITH,  # 1 where ball a takes part
-) = range(15)
+    PRODUCT,  # v, here the product of the variables of codes a and b
+) = range(16)
 
 TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
 TERM_SIZE = len(TERM_FIELDS)
@@ -124,6 +125,8 @@ def factor_value(
         return (abs(y) if second < 2.0 else abs(x)) ** int(a)
     if factor == WITH:
         return 1.0 if first == a or second == a else 0.0
+    if factor == PRODUCT:
+        return v
     return 1.0
 
 
@@ -231,12 +234,16 @@ def shift(door: float, value: float, image: ImageState) -> None:
 @compiled
 def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallState) -> float:
     v, heading = of_ball(a, ball), math.atan2(ball.vy, ball.vx)
+    if factor == PRODUCT:
+        v *= of_ball(b, ball)
     return factor_value(factor, a, b, c, d, v, ball.x, ball.y, heading, ball.wz, ball.number, -1.0)
 
 
 @compiled
 def _of_impact(factor: float, a: float, b: float, c: float, d: float, hit: ImpactState) -> float:
     v, heading = of_impact(a, hit), math.atan2(hit.vy, hit.vx)
+    if factor == PRODUCT:
+        v *= of_impact(b, hit)
     return factor_value(factor, a, b, c, d, v, hit.x, hit.y, heading, hit.wz, hit.first, hit.second)
 
 
@@ -333,6 +340,8 @@ class Formula(Effect):
                 break
             if IMAGE_X <= door <= IMAGE_Y:
                 v = of_image(a, image)
+                if factor == PRODUCT:
+                    v *= of_image(b, image)
                 value = factor_value(factor, a, b, c, d, v, image.x, image.y, heading, 0.0, image.number, -1.0)
                 if door == IMAGE_X:
                     dx += coefficient * value

@@ -30,7 +30,6 @@ from sysid.selection.score import Linearised, Score, linearise
 from sysid.selection.signatures import Candidate, with_candidate
 from sysid.selection.view import FitView
 
-SMALLER_TRIAL = 0.3  # of a predicted or usual size, where a fit may begin as well
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
 log = logging.getLogger(__name__)
@@ -148,18 +147,15 @@ def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
 
 
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
-    """Initial states (n, p), constants (q,) and the effect to start from: at a few sizes held, those of least loss.
+    """Initial states (n, p), constants (q,) and the effect to start from: at its predicted or its usual size, held.
 
     A fit that lacks a large effect has bent its constants, and one that frees the effect at once may stay there.
     """
     one, off = score.candidate, score.candidate.off()
-    bounds, usual, step = one.bounds(), one.usual(), score.values - off
-    trials = [step, SMALLER_TRIAL * step, usual]
-    if one.one_sided:  # such an effect may grow with the square of its parameter
-        trials = [step, usual, SMALLER_TRIAL * usual]
+    bounds = one.bounds()
     problem, found = base.weighted, list[tuple[float, Array, Array, Effect]]()
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
-    for move in trials:
+    for move in (score.values - off, one.usual()):
         effect = one.at(np.clip(off + move, inner[:, 0], inner[:, 1]))
         held = problem.with_model(base.model.add(effect), base.names)
         x, c, cost = few_steps(held, base.initial_states, base.constants)

@@ -30,7 +30,6 @@ from sysid.selection.view import FitView
 
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
 TRIAL_STEPS = 3  # of the states at each of them where a fit may begin
-SMALLER_TRIAL = 0.3  # of a predicted size, where a fit may begin as well
 PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, from which its derivative is taken
 log = logging.getLogger(__name__)
 
@@ -145,9 +144,9 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Lineari
 
 
 def with_effect(at: WindowFit, score: Score) -> WindowFit:
-    """The fit with one effect more, or with another formula, from the likeliest of a few sizes.
+    """The fit with one effect more, or with another formula, from its predicted or its usual size.
 
-    These are its predicted, a smaller and its usual size; what a formula had already begins where it is.
+    What a formula had already begins where it is.
     """
     one, found = score.candidate, at.fitted
     had = dict(zip(found.chain.names, found.constants.tolist(), strict=True))
@@ -158,7 +157,7 @@ def with_effect(at: WindowFit, score: Score) -> WindowFit:
     low, high = one.bounds().T
     begin = np.array([had.get(f"{one.name}.{key}", off) for key, off in zip(one.keys, one.off().tolist(), strict=True)])
     sd, tried = chain.gap_sd(found.states), list[tuple[float, Array]]()
-    for step in (score.values - begin, SMALLER_TRIAL * (score.values - begin), one.off() + one.usual() - begin):
+    for step in (score.values - begin, one.off() + one.usual() - begin):
         values = np.clip(begin + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
         tried_at = dict(zip(one.keys, values.tolist(), strict=True))
         c = np.array([*bare.values(), *(tried_at.get(key, float(getattr(one.effect, key))) for key in keys)])

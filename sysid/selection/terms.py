@@ -99,10 +99,11 @@ NUMBER = r"(-?\d{1,4}(?:\.\d{1,4})?)"
 CELL_PATTERN = re.compile(  # the factor of a cell
     r"abs\(x ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4}) and abs\(y ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4})", re.ASCII
 )
-STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN = (
+STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN, PRODUCT_PATTERN = (
     re.compile(text, re.ASCII)
     for text in (
         rf"([a-z_]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z_]+) / {NUMBER}\)", r"([a-z_]+)(\*\*2)?",
+        r"([a-z_]+) \* ([a-z_]+)",
     )
 )  # fmt: skip
 DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
@@ -146,6 +147,7 @@ USUAL_VALUES = {  # of a variable, where they are not about 1
 }  # fmt: skip
 SIZED = ("wz", "along")  # of which the size may count alone
 COUNTED = ("rail", "number", "table", "player")  # of which there are a few, each by itself
+DRIFTING = tuple(name for name in SESSION_VARIABLES if name not in COUNTED)  # over which a dependence may change
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # of a game of two balls
 DECAYING = ("speed", "slip", "approach", "time", "cloth_age")  # of which a quantity may fade
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
@@ -163,6 +165,8 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
     if cell := CELL_PATTERN.fullmatch(factor):
         x, half_x, y, half_y = (float(v) for v in cell.group(2, 3, 5, 6))
         return kinds.BOX, (-x if cell[1] == "+" else x, half_x, -y if cell[4] == "+" else y, half_y)
+    if (pair := PRODUCT_PATTERN.fullmatch(factor)) and set(pair.groups()) <= set(SEEN_BY.get(quantity, ())):
+        return kinds.PRODUCT, tuple(float(VARIABLES.index(name)) for name in pair.groups())
     for pattern, kind in (
         (STEP_PATTERN, kinds.ABOVE), (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
         (POWER_PATTERN, kinds.VARIABLE),
@@ -192,7 +196,9 @@ def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power
         raise ValueError(f"{factor} is no factor of {quantity}")
     units = [VARIABLE_UNITS[v] for v in variables if v in VARIABLE_UNITS] if power else []
     per, times = units[0] if units else "", power * len(units)
-    if times > 1:
+    if len(set(units)) > 1:
+        per = " ".join(f"({unit})" if "/" in unit else unit for unit in units)
+    elif times > 1:
         per = f"({per})^{times:.0f}" if "/" in per else f"{per}^{times:.0f}"
     size = math.prod(USUAL_VALUES.get(v, 1.0) for v in variables) ** power
     unit = QUANTITY_UNITS.get(quantity, "1") + (f" per {per}" if per else "")
@@ -289,6 +295,11 @@ def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]
     return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
 
 
+def product(quantity: str, variable: str, over: str) -> Term:
+    """A line of one variable that becomes steeper with another."""
+    return _term(quantity, f"{variable}_{over}", f"{variable} * {over}", (variable, over))
+
+
 def size(quantity: str, variable: str) -> Term:
     """One that grows with the size of the variable, whatever its sign."""
     return _term(quantity, f"{variable}_size", f"abs({variable})", (variable,))
@@ -317,6 +328,8 @@ def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Col
         for variable in variables:
             if variable not in without:
                 found += straight(quantity, variable, counts.get(variable, 0))
+        lines = [name for name in variables if name not in (*COUNTED, *SESSION_VARIABLES, "heading")]
+        found += [product(quantity, name, over) for name in lines for over in DRIFTING if over not in without]
     for axis in "xy":
         found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
     found.append(_term("side", "one", "1.0", ()))

@@ -17,7 +17,7 @@ import pytest
 import models.model_file
 from models.contract import check_file
 from models.errors import BadInput
-from models.formula import HAT, MAX_TERMS, TERM_HOOKS, VARIABLE, factor_value
+from models.formula import HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Session, Shot, Table, Track
@@ -220,6 +220,8 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
             "sin": math.sin, "exp": math.exp,
         }  # fmt: skip
         v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT else 0.0
+        if term.kind == PRODUCT:
+            v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
         heading = math.atan2(vy, vx)
         found = factor_value(float(term.kind), *numbers, v, x, y, heading, wz, first, second)
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
@@ -233,6 +235,7 @@ WRITTEN = [
     ("cushion_e_grazing", "cushion_mu_grazing", "ball_mu_approach", "ball_e_slip", "push_x_order"),
     ("drag_warmth", "cushion_e_hour", "ball_mu_cloth_age", "image_x_table_2", "grip_player_1"),
     ("cushion_e_wz", "ball_mu_wz", "drag_x_curve_16_5", "drag_speed_curve_16_16", "image_x_order", "image_y_number_1"),
+    ("drag_x_order", "cushion_mu_wz_hour", "ball_e_approach_cloth_age", "image_x_y_order", "grip_slip_warmth"),
 ]
 
 
@@ -305,9 +308,9 @@ def test_a_formula_is_an_effect_like_any_other() -> None:
 
 @pytest.mark.parametrize("term", [*TERMS[::7], *terms_of("ball_mu_with_2")], ids=lambda t: t.name)
 def test_a_term_of_a_result_is_found_again(term: Term) -> None:
-    found, value = term_from_json(told(term, 0.02))
+    found, value = term_from_json(told(term, term.width))
     assert (found.name, found.quantity, found.factor, found.unit, found.kind, found.constants, value) == (
-        term.name, term.quantity, term.factor, term.unit, term.kind, term.constants, 0.02
+        term.name, term.quantity, term.factor, term.unit, term.kind, term.constants, term.width
     )  # fmt: skip
 
 
