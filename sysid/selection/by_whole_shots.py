@@ -19,12 +19,13 @@ import numpy as np
 
 from models.effect import Effect
 from sysid.estimation.chain_fit import design_effect
-from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.fitting import few_steps, fit_held_out
 from sysid.estimation.from_nothing import with_found_starts
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
+from sysid.estimation.state_search import BETTER_LOSS
 from sysid.selection.evidence import MAX_RESIDUAL_SD, compare_fits, counted_as_one, remove_effect
 from sysid.selection.score import Linearised, Score, linearise
 from sysid.selection.signatures import Candidate, with_candidate
@@ -111,13 +112,13 @@ class ByWholeShots(FitView):
         return self
 
     def searched(self) -> Self:
-        """The fit with shots that miss by more than most begun where windows lead, if that is likelier."""
-        now, held = with_found_starts(self.now), self.now.held_out
-        if now is self.now:
-            return self
-        if self.parts.held_out is not None and held is not None:
-            now = dataclasses.replace(now, held_out=fit_held_out(now, self.parts.held_out, held.initial_states))
-        return dataclasses.replace(self, now=now)
+        """The fit with shots that miss by more than most, held-out ones as well, begun elsewhere if likelier."""
+        now, before = with_found_starts(self.now), self.now.held_out
+        if self.parts.held_out is not None and before is not None:
+            held = fit_held_out(now, self.parts.held_out, before.initial_states)
+            if now is not self.now or _loss(held) < _loss(before) - BETTER_LOSS:
+                now = dataclasses.replace(now, held_out=held)
+        return self if now is self.now else dataclasses.replace(self, now=now)
 
     def continued(self) -> Self:
         """Every fit of whole shots goes on until it converges."""
@@ -134,6 +135,11 @@ class ByWholeShots(FitView):
             return np.zeros(0)
         old, new = (np.nansum(np.minimum(at.open_residuals**2, MAX_RESIDUAL_SD**2), axis=1) for at in (one, two))
         return np.asarray(0.5 * (old - new))
+
+
+def _loss(held: HeldOut) -> float:
+    """Of held-out clips, half the sum of squares."""
+    return 0.5 * float(np.nansum(held.residuals**2))
 
 
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:

@@ -101,7 +101,11 @@ class Threshold:
 
     def is_passed(self, one: Judged[V]) -> bool:
         """Whether it is sure, and held-out shots do not speak against it."""
-        return one.holds and one.log_odds > self.least and one.over_scatter > self.sure
+        return one.holds and self.is_sure(one)
+
+    def is_sure(self, one: Judged[V]) -> bool:
+        """Whether it is sure by the shots that are fitted."""
+        return one.log_odds > self.least and one.over_scatter > self.sure
 
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
@@ -124,6 +128,14 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
     return Judged(more, tuple(unknowns), odds, alone, seen, holds)
+
+
+def judged_where_found(less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold) -> Judged[V]:
+    """The same; shots that alone speak against what is sure otherwise are first searched for where they began."""
+    at = judged(less.beside(more), more, unknowns)
+    if threshold.is_sure(at) and not at.holds and (again := more.renewed().searched()) is not more:
+        at = judged(less.beside(again), again, unknowns)
+    return at
 
 
 def _known(less: FitView, more: FitView) -> float:

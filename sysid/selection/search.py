@@ -37,6 +37,7 @@ from sysid.selection.judgement import (
     Unknown,
     V,
     judged,
+    judged_where_found,
     likelier,
     size_of,
     unknowns_of,
@@ -112,7 +113,7 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
         if len(fits) >= MAX_FITS and good:
             break
         more = start.with_effect(row)
-        at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
+        at = judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
         if threshold.is_passed(at):
             good.append((fits[-1], at))
@@ -184,10 +185,10 @@ def explained_by_shape(
     if larger is None:
         return None
     shape = larger.terms[0 if formula is None else len(formula.terms) :]
-    more = view.with_effect(larger.score())
-    if not threshold.is_passed(judged(less.beside(more), more, unknowns_of_terms(shape))):
+    at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
+    if not threshold.is_passed(at):
         return None
-    more = more.renewed()
+    more = at.view.renewed()
     return (more, larger) if rival is None or outdoes(more, shape, rival) else None
 
 
