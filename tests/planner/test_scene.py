@@ -275,7 +275,6 @@ def photo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_a_scene_from_a_photo(photo: Path) -> None:
     goal = {"object": "red 2", "pocket": [1, 1], "rest_for": "red", "avoid": ["yellow"], "rest": None}
     scene, found = scene_from_picture(photo / "photo.png", photo / "cam.toml", goal)
