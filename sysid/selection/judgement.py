@@ -4,7 +4,7 @@ In: a `FitView` of a fit without it, and of one with it. Out: `Judged`, and the 
 
 A cause is judged by how much likelier the shots are with it, averaged over what it may be. It must be likelier than
 nothing, which beforehand is as likely as all causes together; likelier than that each shot has a size of its own; and
-shots that are held out must not speak against it.
+what shots that are held out say against it is taken off.
 """
 
 from __future__ import annotations
@@ -76,7 +76,12 @@ class Judged(Generic[V]):
     log_odds: float  # of it over the fit without
     over_scatter: float  # log odds over values that each shot has of its own
     evidence: Evidence
-    holds: bool  # whether shots held out do not speak against it
+    held: float  # gain of log likelihood in shots held out
+
+    @property
+    def in_all(self) -> float:
+        """Log odds with what held-out shots say against it; what these say for it may be that they began elsewhere."""
+        return self.log_odds + min(self.held, 0.0)
 
 
 @dataclass(frozen=True)
@@ -100,8 +105,8 @@ class Threshold:
         return math.log(self.count) + self.sure
 
     def is_passed(self, one: Judged[V]) -> bool:
-        """Whether it is sure, and held-out shots do not speak against it."""
-        return one.holds and self.is_sure(one)
+        """Whether it is sure by all shots, those held out as well."""
+        return one.in_all > self.least and self.is_sure(one)
 
     def is_sure(self, one: Judged[V]) -> bool:
         """Whether it is sure by the shots that are fitted."""
@@ -118,22 +123,21 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
-    held = less.held_gains(more)
-    holds = float(held.sum()) >= -float(held.std()) * math.sqrt(len(held)) if len(held) else True
+    held = float(less.held_gains(more).sum()) / more.design_effect
     names = ", ".join(one.name for one in unknowns)
     log.info(
         "%s: log odds %.1f over nothing, %.1f over values of each shot's own, held out %.0f",
-        names, odds, alone, held.sum(),
+        names, odds, alone, held,
     )  # fmt: skip
     bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
-    return Judged(more, tuple(unknowns), odds, alone, seen, holds)
+    return Judged(more, tuple(unknowns), odds, alone, seen, held)
 
 
 def judged_where_found(less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold) -> Judged[V]:
-    """The same; shots that alone speak against what is sure otherwise are first searched for where they began."""
+    """The same; held-out shots that alone speak against it are first searched for where they began."""
     at = judged(less.beside(more), more, unknowns)
-    if threshold.is_sure(at) and not at.holds and (again := more.renewed().searched()) is not more:
+    if threshold.is_sure(at) and not threshold.is_passed(at) and (again := more.renewed().searched()) is not more:
         at = judged(less.beside(again), again, unknowns)
     return at
 

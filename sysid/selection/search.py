@@ -114,7 +114,7 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
             break
         more = start.with_effect(row)
         at = judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)
-        fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.holds))
+        fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0))
         if threshold.is_passed(at):
             good.append((fits[-1], at))
     good = ranked(good)
