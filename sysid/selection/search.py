@@ -208,9 +208,9 @@ def without_needless(
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
     """The fit without effects and terms that are no longer likelier than chance beside the others, the least first.
 
-    When `searching`, one stays only if it is likelier than that shots begin elsewhere.
+    When `searching`, one stays, were it the only one, if it is likelier than that shots begin elsewhere.
     """
-    while len(verdict) + (0 if formula is None else len(formula.groups)) > 1:
+    while len(verdict) + (0 if formula is None else len(formula.groups)) > (0 if searching else 1):
         parts: list[tuple[str | Shape, list[Unknown]]] = []
         for name in verdict:
             kind = next(type(one) for one in view.model.effects if one.name() == name)
