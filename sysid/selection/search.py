@@ -208,9 +208,10 @@ def without_needless(
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
     """The fit without effects and terms that are no longer likelier than chance beside the others, the least first.
 
-    When `searching`, one stays, were it the only one, if it is likelier than that shots begin elsewhere.
+    When `searching`, one stays if it is likelier than that shots begin elsewhere; the only one as well, if most shots
+    are followed to the noise without it, so that it rests on a few.
     """
-    while len(verdict) + (0 if formula is None else len(formula.groups)) > (0 if searching else 1):
+    while (count := len(verdict) + (0 if formula is None else len(formula.groups))) > (0 if searching else 1):
         parts: list[tuple[str | Shape, list[Unknown]]] = []
         for name in verdict:
             kind = next(type(one) for one in view.model.effects if one.name() == name)
@@ -224,7 +225,8 @@ def without_needless(
             fewer = formula.without(part, view.point) if formula is not None else None
             less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
         at = judged(less, view.beside(less), unknowns)
-        if searching and threshold.is_passed(at) and (again := less.searched()) is not less:
+        may_begin_elsewhere = searching and threshold.is_passed(at) and (count > 1 or less.leaves_noise)
+        if may_begin_elsewhere and (again := less.searched()) is not less:
             less = again
             at = judged(less, view.beside(less), unknowns)
         if threshold.is_passed(at):
