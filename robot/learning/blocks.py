@@ -50,5 +50,5 @@ def changes(story: History) -> list[Change]:
 
 def pot_count(story: History, block: Block) -> tuple[float, int, int]:
     """Of the shots played to pot whose end was seen: expected number of pots by the plans, pots, shots."""
-    seen = [shot for shot in story.played(*block) if shot.potted is not None]
+    seen = [shot for shot in story.played_to_pot(*block) if shot.potted is not None]
     return sum(shot.pot_probability for shot in seen), sum(bool(shot.potted) for shot in seen), len(seen)

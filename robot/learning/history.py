@@ -92,21 +92,21 @@ class History:
     refits: tuple[Refit, ...]
     ended: str  # why it stopped by itself; "" where it did not
 
-    def played(self, first: int, last: int) -> list[PlayedShot]:
+    def played_to_pot(self, first: int, last: int) -> list[PlayedShot]:
         """Shots first to last, both counted from 1, without those that were chosen to learn from."""
         return [s for s in self.shots if first <= s.number <= last and not s.chosen]
 
     def median_miss(self, first: int, last: int) -> float:
         """Of shots first to last that were played to pot [m]; nan without any."""
-        return _median([s.miss for s in self.played(first, last)])
+        return _median([s.miss for s in self.played_to_pot(first, last)])
 
     def median_spread(self, first: int, last: int) -> float:
         """The miss that their plans predict [m]."""
-        return _median([s.spread for s in self.played(first, last)])
+        return _median([s.spread for s in self.played_to_pot(first, last)])
 
     def floor(self, first: int, last: int) -> float:
         """The launcher's own scatter in these shots, measured by repeats [m]; nan where none were."""
-        return _median([s.floor for s in self.played(first, last)])
+        return _median([s.floor for s in self.played_to_pot(first, last)])
 
 
 def _median(values: list[float]) -> float:

@@ -34,12 +34,12 @@ from planner.evaluation.value import UtilityWeights
 from planner.launcher.cueing_map import CueingMap, read_map, write_map
 from planner.launcher.mapped import execution_of, with_map
 from planner.launcher.stroke import LauncherModel as Strokes
-from planner.planning import GIVEN, make_plan
+from planner.planning import GIVEN, make_plan, plan_of
 from planner.scene import Scene
 from planner.search.search import Effort
 from planner.study.draws import BALL_NAMES, Study, draw_scene
 from robot.device.launcher import Launcher
-from robot.learning.chosen import chosen_shots
+from robot.learning.chosen import chosen_shot
 from robot.learning.history import (
     FIT_FORMAT,
     SERIES_FORMAT,
@@ -123,8 +123,8 @@ def begin(folder: Path | str, config: LearningConfig) -> None:
     folder, fixed = Path(folder), config.to_dict()
     model, cueing_map = folder / "start.toml", folder / "start_map.toml"
     if (folder / "course.json").is_file():
-        known = read_json(folder / "course.json", SERIES_FORMAT)
-        other = [name for name, value in fixed.items() if known.get(name, value) != value]
+        known = {"chosen": 0} | read_json(folder / "course.json", SERIES_FORMAT)  # older series had none
+        other = [name for name, value in fixed.items() if known.get(name) != value]
         if not other and read_model(model).parameters() != config.model.parameters():
             other = ["model"]
         if not other and read_map(cueing_map).constants != config.cueing_map.constants:
@@ -217,9 +217,11 @@ def _play(
         raise BadInput(f"shot {number} was played, and {played.noted[-1]}")
     _repeat(path, rig, number)
     pot = {True: "potted", False: "not potted", None: "not seen"}[played.potted]
-    miss = "not on the table"
+    miss, target = "not on the table", predicted_stop(plan)[0]
     if played.cue_end is not None:
-        miss = f"{1e3 * float(np.hypot(*(predicted_stop(plan)[0] - played.cue_end))):.0f} mm from its planned place"
+        miss = f"{1e3 * float(np.hypot(*(target - played.cue_end))):.0f} mm from its planned place"
+        if not np.isfinite(target).all():
+            miss = "on the table, and planned to fall"
     if plan["method"] == GIVEN:
         return f"shot {number:3d}: played {plan['why']}; the cue ball {miss}"
     return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % predicted), the cue ball {miss}"
@@ -230,17 +232,15 @@ def _planned(
 ) -> tuple[SceneSetup, dict[str, Any]]:
     """A shot that is set up, and its plan: one that is chosen to learn from, or one of a scene that is drawn."""
     model, cueing_map = latest(folder, config, learnt)
-    seed = config.study.number(number, 2)
-    chosen = chosen_shots(folder, learnt, model, cueing_map, BALL_NAMES, config.chosen)[number - learnt - 1 :]
-    if chosen:
-        setup, scene = _set_up(rig, chosen[0].scene, number)
-        return setup, chosen[0].plan(scene, model, cueing_map, seed, config.effort)
-    strokes = with_map(Strokes(), cueing_map, model.ball)
+    seed, turn = config.study.number(number, 2), number - learnt - 1
+    strokes, execution = with_map(Strokes(), cueing_map, model.ball), execution_of(cueing_map)
+    one = chosen_shot(folder, learnt, turn, config.chosen, model, strokes, BALL_NAMES)
+    if one is not None:
+        setup, scene = _set_up(rig, one.scene, number)
+        return setup, plan_of(scene, model, one.stroke, one.why, execution, strokes, seed=seed, effort=config.effort)
     for draw in range(MAX_SCENE_DRAWS):
         setup, scene = _set_up(rig, draw_scene(config.study, number + 10_000 * draw)[0], number)
-        plan = make_plan(
-            scene, model, execution_of(cueing_map), config.weights, seed=seed, launcher=strokes, effort=config.effort
-        )
+        plan = make_plan(scene, model, execution, config.weights, seed=seed, launcher=strokes, effort=config.effort)
         if plan["stroke"] is not None:
             return setup, plan
     raise BadInput(f"shot {number}: none of {MAX_SCENE_DRAWS} scenes can be played; check model and launcher")

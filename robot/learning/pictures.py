@@ -56,8 +56,9 @@ def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
         shots = story.shots
         miss = 1e3 * np.array([shot.miss for shot in shots])
         for label, face, use in (
-            ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) for shot in shots]),
-            ("one shot, not potted", PAPER_COLOUR, [not shot.potted for shot in shots]),
+            ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) and not shot.chosen for shot in shots]),
+            ("one shot, not potted", PAPER_COLOUR, [not shot.potted and not shot.chosen for shot in shots]),
+            ("one shot, chosen to learn from", NOISE_COLOUR, [shot.chosen for shot in shots]),
         ):
             shown = np.array(use, bool) & (miss > 0)
             if shown.any():
@@ -153,7 +154,7 @@ def above(story: History) -> tuple[float, Draw] | None:
     def draw(fig: Any) -> None:
         axes = fig.subplots(1, 2)
         for ax, block in zip(axes, shown, strict=False):
-            _arrows(ax, table, story.played(*block))
+            _arrows(ax, table, story.played_to_pot(*block))
             median = 1e3 * story.median_miss(*block)
             ax.set_title(f"Shots {block[0]} to {block[1]}: median miss {number(median)} mm")
         for ax in axes[len(shown) :]:
@@ -213,7 +214,7 @@ def pots(story: History) -> tuple[float, Draw] | None:
 
 def _median_away(story: History, first: int, last: int) -> float:
     """Median distance from the wanted position of shots first to last [m]; nan without any."""
-    known = [shot.from_wanted for shot in story.played(first, last) if math.isfinite(shot.from_wanted)]
+    known = [shot.from_wanted for shot in story.played_to_pot(first, last) if math.isfinite(shot.from_wanted)]
     return float(np.median(known)) if known else math.nan
 
 

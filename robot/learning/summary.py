@@ -34,16 +34,16 @@ def _blocks(story: History, every: int) -> list[dict[str, Any]]:
     """Figures of the shots from one refit to the next."""
     blocks = []
     for first in range(1, len(story.shots) + 1, every):
-        every_shot = story.shots[first - 1 : first - 1 + every]
-        last = every_shot[-1].number
-        shots = story.played(first, last)
-        away = [s.from_wanted for s in shots if math.isfinite(s.from_wanted)]
+        shots = story.shots[first - 1 : first - 1 + every]
+        last = shots[-1].number
+        to_pot = story.played_to_pot(first, last)
+        away = [s.from_wanted for s in to_pot if math.isfinite(s.from_wanted)]
         blocks.append({
-            "first": first, "last": last, "chosen": len(every_shot) - len(shots), "learnt": every_shot[0].learnt,
+            "first": first, "last": last, "chosen": len(shots) - len(to_pot), "learnt": shots[0].learnt,
             "miss_median_m": story.median_miss(first, last), "foreseen_median_m": story.median_spread(first, last),
             "scatter_median_m": story.floor(first, last),
-            "potted": sum(s.potted is True for s in shots), "seen": sum(s.potted is not None for s in shots),
-            "promised": sum(s.pot_probability for s in shots if s.potted is not None),
+            "potted": sum(s.potted is True for s in to_pot), "seen": sum(s.potted is not None for s in to_pot),
+            "promised": sum(s.pot_probability for s in to_pot if s.potted is not None),
             "from_wanted_median_m": float(np.median(away)) if away else math.nan,
         })  # fmt: skip
     return blocks

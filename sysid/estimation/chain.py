@@ -236,17 +236,17 @@ def _differences(
         if not beside:
             part = from_differences(rows, steps, CAUCHY_SD)
         else:
-            columns, at = [_derivatives(rows[1:], rows[0], own)], len(last)
+            derivatives, at = [_derivatives(rows[1:], rows[0], own)], len(last)
             for one in beside:
                 more = one.off.size
                 constants = np.hstack([np.tile(c, (more, 1)), one.off + np.diag(one.probe)])
                 r, last = one.chain.play(
                     np.tile(x, (more, 1)), constants.repeat(len(which), axis=0), np.tile(which, more)
                 )
-                columns.append(_derivatives(r.reshape(more, *rows[0].shape), rows[0], np.sign(one.probe)))
+                derivatives.append(_derivatives(r.reshape(more, *rows[0].shape), rows[0], np.sign(one.probe)))
                 ends[at : at + more, which] = last.reshape(more, len(which), -1)
                 at += more
-            part = from_columns(rows[0], [column for block in columns for column in block], CAUCHY_SD)
+            part = from_columns(rows[0], [column for block in derivatives for column in block], CAUCHY_SD)
         normal.loss[which], normal.matrix[which], normal.gradient[which] = part.loss, part.matrix, part.gradient
     ends[1:] = np.nan_to_num((ends[1:] - ends[0]) / steps[:, None, None])
     return normal, ends

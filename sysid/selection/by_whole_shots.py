@@ -128,13 +128,13 @@ class ByWholeShots(FitView):
         """By how much another fit is likelier, each at its most likely errors of the model."""
         return 0.5 * compare_fits(self.now, more.now, 1.0).improvement
 
-    def held_gains(self, more: Self) -> Array:
-        """The same for every shot held out (m,), its constants moved as far as the fit leaves them open."""
+    def held_gain(self, more: Self) -> float:
+        """The same of the shots held out, constants moved as far as the fit leaves them open."""
         one, two = self.now.held_out, more.now.held_out
         if one is None or two is None:
-            return np.zeros(0)
-        old, new = (np.nansum(np.minimum(at.open_residuals**2, MAX_RESIDUAL_SD**2), axis=1) for at in (one, two))
-        return np.asarray(0.5 * (old - new))
+            return 0.0
+        old, new = (float(np.nansum(np.minimum(at.open_residuals**2, MAX_RESIDUAL_SD**2))) for at in (one, two))
+        return 0.5 * (old - new)
 
 
 def _loss(held: HeldOut) -> float:

@@ -112,9 +112,9 @@ class ByWindows(FitView):
         """By how much another fit at the same errors of the model is likelier."""
         return float((self.at.fitted.losses - more.at.fitted.losses).sum())
 
-    def held_gains(self, more: Self) -> Array:
-        """The same for every shot held out (m,)."""
-        return self.at.held_losses() - more.at.held_losses()
+    def held_gain(self, more: Self) -> float:
+        """The same of the shots held out."""
+        return float((self.at.held_losses() - more.at.held_losses()).sum())
 
 
 def as_point(at: WindowFit) -> Point:

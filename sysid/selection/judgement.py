@@ -123,7 +123,7 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
-    held = float(less.held_gains(more).sum()) / more.design_effect
+    held = less.held_gain(more) / more.design_effect
     names = ", ".join(one.name for one in unknowns)
     log.info(
         "%s: log odds %.1f over nothing, %.1f over values of each shot's own, held out %.0f",

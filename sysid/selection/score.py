@@ -186,8 +186,7 @@ def _score(s: Signature, schur: Array, gradient: Array, marginal: Array) -> Scor
         inverse = np.linalg.pinv(schur[np.ix_(distinct, distinct)], rcond=1e-10)
         step[distinct] = -inverse @ gradient[distinct]
         sd[distinct] = np.sqrt(np.maximum(np.diag(inverse), 0)) * s.probe[distinct]
-    low, high = (s.candidate.bounds() - s.candidate.off()[:, None]).T / s.probe
-    step = np.clip(step, low, high)
+    step = np.clip(step, *s.limits)
     improvement = -float(2.0 * gradient @ step + step @ schur @ step)
     return Score(s.candidate, max(improvement, 0.0), s.candidate.off() + step * s.probe, sd)
 

@@ -81,6 +81,12 @@ class Signature:
     probe: Array  # (k,) change of each parameter from its off value
     columns: Array  # (k, n, m) change of the residuals [standard deviations]
 
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Bounds of the parameters, as distances from their off values in probes: (k,), (k,)."""
+        low, high = ((self.candidate.bounds() - self.candidate.off()[:, None]) / self.probe[:, None]).T
+        return low, high
+
 
 def signature(point: Point, base: Array, one: Candidate, quick: bool = False) -> Signature:
     """The signature of a candidate by finite differences.

@@ -210,11 +210,9 @@ def _blocks(point: Point, verdict: Sequence[str], seen: Linearised) -> tuple[_Bl
         found.append(_Block(name, np.array(rows), absent - here, low, high, known))
     start = len(point.names)
     for one in seen.signatures:
-        bounds = (one.candidate.bounds() - one.candidate.off()[:, None]) / one.probe[:, None]
         columns = np.arange(start, start + len(one.probe))
         usual = np.abs(one.candidate.usual()) / one.probe
         known = tuple(Unknown(key, 0.0, size, True) for key, size in zip(one.candidate.keys, usual, strict=True))
-        low, high = bounds.T
-        found.append(_Block(one.candidate.name, columns, np.zeros(len(columns)), low, high, known))
+        found.append(_Block(one.candidate.name, columns, np.zeros(len(columns)), *one.limits, known))
         start += len(columns)
     return tuple(found)

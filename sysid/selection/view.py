@@ -93,8 +93,8 @@ class FitView(ABC):
         """By how much another fit of the same shots is likelier, in log likelihood of independent residuals."""
 
     @abstractmethod
-    def held_gains(self, more: Self) -> Array:
-        """The same for every shot held out (m,)."""
+    def held_gain(self, more: Self) -> float:
+        """The same of the shots held out; 0 without any."""
 
     def scores(self, candidates: Sequence[Candidate]) -> Scores:
         """Of candidates beside it."""
