@@ -94,7 +94,7 @@ VERBS = (
     Verb("robot play plan.json --settings launcher.toml --scene scene.toml --model model.toml --films out",
          ("plan.json", "scene.toml", "model.toml", "launcher.toml"), 1, ("plan.played.json",)),
     Verb("robot review learn --save out.rrd", SERIES, 4),
-    Verb("robot learn --out learn --shots 2 --every 4 --repeats 3",
+    Verb("robot learn --out learn --shots 2 --every 4 --repeats 3 --chosen 0",
          (*SERIES, "learn/emulated.json", "learn/start.toml", "learn/start_map.toml", *REFIT[1:]), 3, ("learn/",)),
     Verb("robot align --camera camera.toml --video film.avi --plan plan.json",
          ("camera.toml", "film.avi", "plan.json"), 2),
