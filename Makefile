@@ -8,12 +8,13 @@ FUZZ_ARGS ?= --seconds 600
 TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow fuzz bench mutation study figures lint docs clean
+.PHONY: help demo test test-slow test-thorough fuzz bench mutation study figures lint docs clean
 
 help:
 	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
 	@echo "make test    lint, then all tests but the slow ones (PYTEST_ARGS=\"-k name\" for some)"
 	@echo "make test-slow   the slow ones: whole discoveries, footage tracked from end to end"
+	@echo "make test-thorough   sweeps: every verb on a full disk, kills of every long work, long sets (an hour)"
 	@echo "make fuzz    changed inputs of every reader and verb for ten minutes (FUZZ_ARGS=\"--count 200000\")"
 	@echo "make bench   speed, growth and accuracy figures (BENCH_ARGS=--note adds a row to docs/benchmarks.md)"
 	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
@@ -32,7 +33,10 @@ test: lint
 	@$(TESTS) -m "not slow" $(PYTEST_ARGS)
 
 test-slow: $(READY)
-	@$(TESTS) -m slow $(PYTEST_ARGS)
+	@$(TESTS) -m "slow and not thorough" $(PYTEST_ARGS)
+
+test-thorough: $(READY)
+	@$(TESTS) -m thorough $(PYTEST_ARGS)
 
 fuzz: $(READY)
 	@$(BIN)/python -m tests.fuzz $(FUZZ_ARGS)

@@ -1,12 +1,13 @@
 """A formula for structure outside the catalogue: a few terms as numbers, each a coefficient times a factor on one hook.
 
 A term says by codes what it changes (its door) and by which factor of place, motion, time or impact, with up to four
-constants. Doors: a drag on rolling balls along their way, a pull to the left of it (models.hooks.push_along); a push
-along x or y on a ball that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction; a
-change of restitution or friction at cushions or between balls; a shift of the image. The hooks are compiled once and
-read the terms from the effect's row of parameters: another formula compiles nothing. Where forces switch at lines and
-at the edges of cells of the cloth, or bend, `horizon` says when a ball gets there. Where a step lies, and over what a
-decay falls, may be parameters as well. A curve is a sum of hats, and linear between the places where these lie.
+constants, and may act for one ball, rail, table or player alone. Doors: a drag on rolling balls along their way, a pull
+to the left of it (models.hooks.push_along); a push along x or y on a ball that the cloth carries, 5/7 of it where that
+rolls; a relative change of the sliding friction; a change of restitution or friction at cushions or between balls; a
+shift of the image. The hooks are compiled once and read the terms from the effect's row of parameters: another formula
+compiles nothing. Where forces switch at lines and at the edges of cells of the cloth, or bend, `horizon` says when a
+ball gets there. Where a step lies, and over what a decay falls, may be parameters as well. A curve is a sum of hats,
+and linear between the places where these lie.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from models.compiled import compiled
 from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
 from models.hooks import Layout
-from models.variables import SLIP, SPEED, TIME, WZ, X, Y, of_ball, of_image, of_impact
+from models.variables import NONE, SLIP, SPEED, TIME, WZ, X, Y, of_ball, of_image, of_impact
 
 MAX_TERMS = 32
 MAX_CONSTANTS = 4
@@ -53,16 +54,17 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     ALONG_RAIL,  # power a of the distance from the middle of a rail [m]
     WITH,  # 1 where ball a takes part
     PRODUCT,  # v, here the product of the variables of codes a and b
-) = range(16)
+    BEND,  # how far v is above b, or with c = -1 below it; 0 on the other side
+) = range(17)
 
-TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d")  # of a term
+TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d", "counted", "which")  # of a term
 TERM_SIZE = len(TERM_FIELDS)
 TERM_LAYOUT = (("terms", MAX_TERMS * TERM_SIZE),)
 
 
 @dataclass(frozen=True)
 class MovingPlace:
-    """Where a step lies, or over what a decay falls, where that is a parameter: the term's constant b."""
+    """Where a step or a bend lies, or over what a decay falls, where that is a parameter: the term's constant b."""
 
     name: str
     unit: str
@@ -83,11 +85,12 @@ class Part:
     bounds: tuple[float, float]
     source: str
     place: MovingPlace | None = None
+    only: tuple[int, float] = (NONE, 0.0)  # variable, and the value of it for which alone the term acts
 
     @property
     def is_line(self) -> bool:
-        """Whether it is a step at a line on the cloth."""
-        return self.factor == ABOVE and self.constants[0] in (X, Y)
+        """Whether it is a step or a bend at a line on the cloth."""
+        return self.factor in (ABOVE, BEND) and self.constants[0] in (X, Y)
 
 
 @compiled
@@ -127,6 +130,8 @@ def factor_value(
         return 1.0 if first == a or second == a else 0.0
     if factor == PRODUCT:
         return v
+    if factor == BEND:
+        return max(c * (v - b), 0.0)
     return 1.0
 
 
@@ -184,10 +189,10 @@ def until_edge(ball: BallState, x: float, half_x: float, y: float, half_y: float
 
 
 @compiled
-def _term(own: Any, k: int) -> tuple[float, float, float, float, float, float, float]:
-    """Coefficient, door, factor, a, b, c and d of a term; the door of those behind the last is 0."""
+def _term(own: Any, k: int) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """The fields of a term; the door of those behind the last is 0."""
     t, n = own.terms, k * TERM_SIZE
-    return t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6]
+    return t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6], t[n + 7], t[n + 8]
 
 
 @compiled
@@ -232,7 +237,11 @@ def shift(door: float, value: float, image: ImageState) -> None:
 
 
 @compiled
-def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallState) -> float:
+def _of_ball(
+    factor: float, a: float, b: float, c: float, d: float, counted: float, which: float, ball: BallState
+) -> float:
+    if counted != NONE and of_ball(counted, ball) != which:
+        return 0.0
     v, heading = of_ball(a, ball), math.atan2(ball.vy, ball.vx)
     if factor == PRODUCT:
         v *= of_ball(b, ball)
@@ -240,7 +249,11 @@ def _of_ball(factor: float, a: float, b: float, c: float, d: float, ball: BallSt
 
 
 @compiled
-def _of_impact(factor: float, a: float, b: float, c: float, d: float, hit: ImpactState) -> float:
+def _of_impact(
+    factor: float, a: float, b: float, c: float, d: float, counted: float, which: float, hit: ImpactState
+) -> float:
+    if counted != NONE and of_impact(counted, hit) != which:
+        return 0.0
     v, heading = of_impact(a, hit), math.atan2(hit.vy, hit.vx)
     if factor == PRODUCT:
         v *= of_impact(b, hit)
@@ -290,6 +303,7 @@ class Formula(Effect):
             numbers = (part.door, part.factor, *part.constants)
             out[:, k, 0] = getattr(self, part.name)
             out[:, k, 1 : 1 + len(numbers)] = numbers
+            out[:, k, TERM_FIELDS.index("counted") :] = part.only
             if part.place is not None:
                 out[:, k, TERM_FIELDS.index("b")] = getattr(self, part.place.name)
         return out.reshape(count, -1)
@@ -301,22 +315,22 @@ class Formula(Effect):
     def forces(self, ball: BallState) -> None:
         """What acts on a ball on the cloth."""
         for k in range(MAX_TERMS):
-            coefficient, door, factor, a, b, c, d = _term(self, k)
+            coefficient, door, factor, a, b, c, d, counted, which = _term(self, k)
             if door == 0.0:
                 break
             if DRAG <= door <= SIDE:
-                push(door, coefficient * _of_ball(factor, a, b, c, d, ball), ball)
+                push(door, coefficient * _of_ball(factor, a, b, c, d, counted, which, ball), ball)
 
     def horizon(self, ball: BallState) -> float:
         """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
         left = math.inf
         for k in range(MAX_TERMS):
-            _, door, factor, a, b, c, d = _term(self, k)
+            _, door, factor, a, b, c, d, _, _ = _term(self, k)
             if door == 0.0:
                 break
             if DRAG <= door <= SIDE and factor == BOX:
                 left = min(left, until_edge(ball, a, b, c, d))
-            elif DRAG <= door <= SIDE and factor == ABOVE:
+            elif DRAG <= door <= SIDE and factor in (ABOVE, BEND):
                 left = min(left, until_line(ball, a, b))
             elif DRAG <= door <= SIDE and factor == HAT:
                 left = min(left, until_bend(ball, a, b, c))
@@ -325,20 +339,20 @@ class Formula(Effect):
     def impact(self, hit: ImpactState) -> None:
         """What changes at contacts."""
         for k in range(MAX_TERMS):
-            coefficient, door, factor, a, b, c, d = _term(self, k)
+            coefficient, door, factor, a, b, c, d, counted, which = _term(self, k)
             if door == 0.0:
                 break
             if is_met(door, hit):
-                change(door, coefficient * _of_impact(factor, a, b, c, d, hit), hit)
+                change(door, coefficient * _of_impact(factor, a, b, c, d, counted, which, hit), hit)
 
     def observe(self, image: ImageState) -> None:
         """What the camera reports."""
         dx, dy, heading = 0.0, 0.0, math.atan2(image.vy, image.vx)
         for k in range(MAX_TERMS):
-            coefficient, door, factor, a, b, c, d = _term(self, k)
+            coefficient, door, factor, a, b, c, d, counted, which = _term(self, k)
             if door == 0.0:
                 break
-            if IMAGE_X <= door <= IMAGE_Y:
+            if IMAGE_X <= door <= IMAGE_Y and (counted == NONE or of_image(counted, image) == which):
                 v = of_image(a, image)
                 if factor == PRODUCT:
                     v *= of_image(b, image)

@@ -148,8 +148,8 @@ def on_cloth(term: Term) -> bool:
 
 
 def is_line(term: Term) -> bool:
-    """Whether it is a step at a line on the cloth."""
-    return on_cloth(term) and term.kind == kinds.ABOVE and term.constants[0] in (X, Y)
+    """Whether it is a step or a bend at a line on the cloth."""
+    return on_cloth(term) and term.kind in (kinds.ABOVE, kinds.BEND) and term.constants[0] in (X, Y)
 
 
 def bends(term: Term) -> bool:

@@ -165,8 +165,8 @@ def _functions(base: Point) -> tuple[dict[str, tuple[float, float]], dict[str, i
     return seen, counts, blocks(seen, counts)
 
 
-def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFormula | None:
-    """A formula with one shape more, for what a fit leaves; None where no function or term is likely.
+def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[SparseFormula]:
+    """Formulas with one shape more, for what a fit leaves, the likeliest first; none where nothing unnamed is likely.
 
     None as well where a function of the order of the clips, a number that each shot has of its own, is as likely as one
     of what balls do: the clips say that the quantity differs between shots, and not by what.
@@ -179,26 +179,26 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> SparseFo
     old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
     found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
     if found[0].log_odds <= 0.0:
-        return None
+        return []
     block = found[0].block
     if block is None:
-        shape, cause = _shape_of(found[0].name, terms), found[0]
+        rivals = [(_shape_of(found[0].name, terms), found[0])]
     else:
         families = [family for family in (_others(one, old) for one in block.shapes(looked.seen)) if family]
-        if not families:
-            return None
-        shape, cause = _likeliest(families, looked.score)
-    if len(old.terms) + len(shape) > MAX_TERMS:
-        return None
+        rivals = _likeliest(families, looked.score)
+    rivals = [(shape, cause) for shape, cause in rivals if len(old.terms) + len(shape) <= MAX_TERMS]
+    if not rivals:
+        return []
+    shape = rivals[0][0]
     by_order = (shape[0].quantity, ("order",))
     own = [one.log_odds for one in found if one.block and (one.block.quantity, one.block.variables) == by_order]
     of_session = shape[0].depends_on[0] in OF_SESSIONS
     if not of_session and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS:
         log.info("%s may as well differ from clip to clip", shape[0].quantity)
-        return None
+        return []
     names = ", ".join(term.name for term in shape)
     log.info("likeliest is %s, with log odds of %.1f; as terms %s", found[0].name, found[0].log_odds, names)
-    return old.with_shape(shape, cause, _alike(shape, found, terms), base)
+    return [old.with_shape(shape, cause, _alike(shape, found, terms), base) for shape, cause in rivals]
 
 
 def simplified(
@@ -221,7 +221,7 @@ def simplified(
                 [shape for shape in family if len(shape) < len(group) or names == [term.name for term in shape]]
                 for family in families
             ]
-            shape, cause = _likeliest([few for one in rivals if (few := _others(one, old))], score)
+            shape, cause = _likeliest([few for one in rivals if (few := _others(one, old))], score)[0]
             if len(shape) == len(group):
                 return None
             log.info("likelier than %s: %s", group[0].group, ", ".join(term.name for term in shape))
@@ -248,17 +248,22 @@ def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tupl
 
 def _likeliest(
     families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
-) -> tuple[Shape, Cause]:
-    """The likeliest place or scale of the likeliest family of shapes, and it as a cause."""
+) -> list[tuple[Shape, Cause]]:
+    """The likeliest place or scale of each family of shapes, and it as a cause; the likeliest family first."""
     terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
     scores = score(shape_candidates([(term,) for term in terms]))
     usual, name_of = usual_values(scores), {term: f"shape{k}" for k, term in enumerate(terms)}
     odds = {
         shape: cause_of(scores, usual, [name_of[term] for term in shape]) for family in families for shape in family
     }
-    best = max(families, key=lambda family: mean_odds(np.array([odds[shape].log_odds for shape in family])))
-    shape = max(best, key=lambda shape: odds[shape].log_odds)
-    return shape, odds[shape]
+
+    def likeliness(family: Sequence[Shape]) -> float:
+        return float(mean_odds(np.array([odds[shape].log_odds for shape in family])))
+
+    best = [
+        max(family, key=lambda shape: odds[shape].log_odds) for family in sorted(families, key=likeliness, reverse=True)
+    ]
+    return [(shape, odds[shape]) for shape in best]
 
 
 def _others(every: Sequence[Shape], formula: SparseFormula | None) -> list[Shape]:

@@ -26,9 +26,19 @@ from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
 from models.variables import SESSION_VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
+from sysid.selection.factors import SEEN_BY
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED, RAIL_NAMES, SEEN_BY, Shape, counted_shapes, shapes
+from sysid.selection.terms import (
+    COEFFICIENT_WIDTHS,
+    COUNTED,
+    RAIL_NAMES,
+    TOGETHER,
+    Shape,
+    counted_shapes,
+    shapes,
+    shapes_at_one,
+)
 
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
@@ -63,6 +73,9 @@ class Block:
     def shapes(self, seen: dict[str, tuple[float, float]]) -> list[list[Shape]]:
         """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
+        if len(self.variables) > 1:
+            over = self.variables[1]
+            return shapes_at_one(self.quantity, variable, axis.count, over, *seen[over])
         if axis.kind == STEPS:
             return counted_shapes(self.quantity, variable, axis.count)
         return shapes(self.quantity, variable, *seen.get(variable, (-math.pi, math.pi)))
@@ -120,15 +133,15 @@ def counts_of(clips: Sequence[Clip]) -> dict[str, int]:
 
 
 def blocks(seen: dict[str, tuple[float, float]], counted: dict[str, int]) -> list[Block]:
-    """All of one variable."""
+    """All of one variable, and of those that a quantity may depend on together."""
     axes = {name: Axis.over(name, *span, INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
     return [
-        Block(quantity, (name,), (axes[name], ALONE))
-        for quantity, names in SEEN_BY.items()
-        for name in names
-        if name in axes
+        Block(quantity, names, (axes[names[0]], axes[names[1]] if len(names) > 1 else ALONE))
+        for quantity, known in SEEN_BY.items()
+        for names in (*((name,) for name in known), *TOGETHER)
+        if all(name in axes and name in known for name in names)
     ]
 
 

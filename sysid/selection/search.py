@@ -172,6 +172,8 @@ def explained_by_shape(
     """A formula with one shape more, if that explains more than an effect, or something where there is none.
 
     Several shapes against one effect would win wherever much is missing, though more effects may explain that, too.
+    Shapes are scored where a fit without them may have bent, so that the likeliest few are fitted, until one leaves
+    no more than noise.
 
     Args:
         view: a fit without any of both, from which one with a term begins.
@@ -181,13 +183,17 @@ def explained_by_shape(
         rival: the fit with the effect.
         threshold: that a shape must pass.
     """
-    larger = grown(formula, view.point, seen)
-    if larger is None:
+    tried = []
+    for larger in grown(formula, view.point, seen)[:MAX_FITS]:
+        shape = larger.terms[0 if formula is None else len(formula.terms) :]
+        at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
+        if threshold.is_passed(at):
+            tried.append((at, larger, shape))
+            if at.view.leaves_noise:
+                break
+    if not tried:
         return None
-    shape = larger.terms[0 if formula is None else len(formula.terms) :]
-    at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
-    if not threshold.is_passed(at):
-        return None
+    at, larger, shape = max(tried, key=lambda one: one[0].in_all)
     more = at.view.renewed()
     return (more, larger) if rival is None or outdoes(more, shape, rival) else None
 

@@ -4,9 +4,10 @@ In: a table, or the terms of an earlier result.json. Out: the library of terms, 
 
 A term is a factor on a quantity of the motion: a drag on rolling balls, a change of the sliding friction, a push, a
 lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. Of every
-variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, steps and decays, and where none of these
-fits, a curve: hats that are linear between the places where they lie. Of two variables at once there are a few terms
-that physics suggests. Terms are data: codes and constants that models/formula.py plays, beside the same factor as text.
+variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, bends, steps and decays, and where none of
+these fits, a curve: hats that are linear between the places where they lie. Each may act at one rail alone (`only_at`).
+Of two variables at once there are a few more terms that physics suggests. Terms are data: codes and constants that
+models/formula.py plays, beside the same factor as text.
 Nothing of an earlier result is evaluated: its factors are read as numbers and variables.
 """
 
@@ -14,7 +15,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,7 +22,8 @@ from models import formula as kinds
 from models.effect import Effect
 from models.formula import MovingPlace, Part, formula
 from models.shot import Table
-from models.variables import SESSION_VARIABLES, VARIABLES
+from models.variables import NONE, SESSION_VARIABLES, VARIABLES
+from sysid.selection.factors import SEEN_BY, factor_code
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")
@@ -45,7 +46,8 @@ class Term:
     place: tuple[float, float] | None = None  # centre of the cell [m]
     kind: int = kinds.ONE  # the factor's code in models.formula
     constants: tuple[float, ...] = ()
-    limits: tuple[float, float] | None = None  # of the place of a step, or the scale of a decay
+    limits: tuple[float, float] | None = None  # of the place of a step or a bend, or the scale of a decay
+    only: tuple[str, int] | None = None  # what is counted, and for which of it alone the term acts
 
     @property
     def group(self) -> str:
@@ -56,13 +58,18 @@ class Term:
 
     @property
     def place_name(self) -> str | None:
-        """Of the parameter that says where its step lies, or over what it decays."""
-        return None if self.limits is None else f"{self.name}_{'at' if self.kind == kinds.ABOVE else 'over'}"
+        """Of the parameter that says where its step or bend lies, or over what it decays."""
+        return None if self.limits is None else f"{self.name}_{'over' if self.kind == kinds.DECAY else 'at'}"
 
     def moved(self, at: float) -> Term:
-        """The same step at another place, or decay over another scale."""
-        (make, variable) = (step if self.kind == kinds.ABOVE else decay), VARIABLES[int(self.constants[0])]
-        return dataclasses.replace(make(self.quantity, variable, at), name=self.name, limits=self.limits)
+        """The same step or bend at another place, or decay over another scale."""
+        variable = VARIABLES[int(self.constants[0])]
+        if self.kind == kinds.BEND:
+            term = bend(self.quantity, variable, at, self.constants[2])
+        else:
+            term = (step if self.kind == kinds.ABOVE else decay)(self.quantity, variable, at)
+        term = term if self.only is None else only_at(term, *self.only)
+        return dataclasses.replace(term, name=self.name, limits=self.limits)
 
     def part(self, value: float, source: str) -> Part:
         """The term as a formula holds it, its coefficient at a value."""
@@ -72,7 +79,8 @@ class Term:
         if self.limits is not None and self.place_name is not None:
             unit = VARIABLE_UNITS.get(VARIABLES[int(self.constants[0])], "1")
             place = MovingPlace(self.place_name, unit, self.constants[1], self.limits)
-        return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source, place)
+        only = (NONE, 0.0) if self.only is None else (VARIABLES.index(self.only[0]), float(self.only[1]))
+        return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source, place, only)
 
 
 QUANTITY_TEXTS = {
@@ -95,37 +103,7 @@ COEFFICIENT_WIDTHS = {  # half of the bounds that a term without variables has
     "drag": 0.1, "grip": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3, "cushion_mu": 0.2,
     "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05,
 }  # fmt: skip
-NUMBER = r"(-?\d{1,4}(?:\.\d{1,4})?)"
-CELL_PATTERN = re.compile(  # the factor of a cell
-    r"abs\(x ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4}) and abs\(y ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4})", re.ASCII
-)
-STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN, PRODUCT_PATTERN = (
-    re.compile(text, re.ASCII)
-    for text in (
-        rf"([a-z_]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z_]+) / {NUMBER}\)", r"([a-z_]+)(\*\*2)?",
-        r"([a-z_]+) \* ([a-z_]+)",
-    )
-)  # fmt: skip
-DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
-HAT_PATTERN = re.compile(
-    rf"min\(max\(1\.0 ([+-]) (abs)?\(([a-z_]+) ([+-]) {DISTANCE}\) / {DISTANCE}, 0\.0\), 1\.0\)", re.ASCII
-)
 PLACE_VARIABLES = ("x", "y")
-FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and constants
-    "1.0": (kinds.ONE, ()), "cos(heading)": (kinds.COS, (1.0,)), "sin(heading)": (kinds.SIN, (1.0,)),
-    "cos(2 * heading)": (kinds.COS, (2.0,)), "sin(2 * heading)": (kinds.SIN, (2.0,)), "abs(wz)": (kinds.TWIST, ()),
-    "wz * cos(heading)": (kinds.SPIN_COS, ()), "wz * sin(heading)": (kinds.SPIN_SIN, ()),
-    "x * y": (kinds.POWER, (1.0, 1.0, 0.0)), "x * (x**2 + y**2) ** 2": (kinds.POWER, (1.0, 0.0, 2.0)),
-    "y * (x**2 + y**2) ** 2": (kinds.POWER, (0.0, 1.0, 2.0)), "abs(along)": (kinds.ALONG_RAIL, (1.0,)),
-}  # fmt: skip
-_MOTION = ("x", "y", "heading", "speed", "wz", "time", "number", *SESSION_VARIABLES)
-_CONTACT = ("grazing", "approach", "slip", "wz", "time", "number", *SESSION_VARIABLES)
-_IMAGE = ("x", "y", "time", "number", *SESSION_VARIABLES)
-SEEN_BY = {  # what each quantity may depend on
-    "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "grip": (*_MOTION, "slip"),
-    "cushion_e": ("rail", "along", *_CONTACT), "cushion_mu": ("rail", "along", *_CONTACT),
-    "ball_e": ("x", "y", *_CONTACT), "ball_mu": ("x", "y", *_CONTACT), "image_x": _IMAGE, "image_y": _IMAGE,
-}  # fmt: skip
 PLACES = {  # where each quantity acts
     "drag": "rolling on the cloth", "side": "rolling on the cloth", "grip": "sliding on the cloth",
     "push_x": "everywhere on the cloth", "push_y": "everywhere on the cloth", "cushion_e": "all cushions",
@@ -152,41 +130,10 @@ PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # of a game of two balls
 DECAYING = ("speed", "slip", "approach", "time", "cloth_age")  # of which a quantity may fade
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
 PLACE_DIGITS = 4
+TOGETHER = (("rail", "along"),)  # of which a quantity may be a function of both
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # in the names of steps of a variable
 CURVE_INTERVALS = (4, 8, 16)  # between the hats of a curve
 WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # of which the model has no constant of its own
-
-
-def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | None:
-    """Code and constants of a factor that is written as the terms of this file write it; None for any other text."""
-    known = FIXED_FACTORS.get(factor)
-    if known is not None:
-        return known
-    if cell := CELL_PATTERN.fullmatch(factor):
-        x, half_x, y, half_y = (float(v) for v in cell.group(2, 3, 5, 6))
-        return kinds.BOX, (-x if cell[1] == "+" else x, half_x, -y if cell[4] == "+" else y, half_y)
-    if (pair := PRODUCT_PATTERN.fullmatch(factor)) and set(pair.groups()) <= set(SEEN_BY.get(quantity, ())):
-        return kinds.PRODUCT, tuple(float(VARIABLES.index(name)) for name in pair.groups())
-    for pattern, kind in (
-        (STEP_PATTERN, kinds.ABOVE), (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
-        (POWER_PATTERN, kinds.VARIABLE),
-    ):  # fmt: skip
-        found = pattern.fullmatch(factor)
-        if found is None or found[1] not in SEEN_BY.get(quantity, ()):
-            continue
-        variable = float(VARIABLES.index(found[1]))
-        if kind == kinds.VARIABLE:
-            return kind, (variable, 0.0, 2.0 if found[2] else 1.0)
-        at = float(found[2])
-        if kind == kinds.DECAY and not at > 0.0:
-            return None
-        return kind, (variable, at)
-    if (hat := HAT_PATTERN.fullmatch(factor)) and hat[3] in SEEN_BY.get(quantity, ()):
-        at, half = (-1.0 if hat[4] == "+" else 1.0) * float(hat[5]), float(hat[6])
-        side = 0.0 if hat[2] else 1.0 if hat[1] == "-" else -1.0
-        if half > 0.0 and not (hat[2] and hat[1] == "+"):
-            return kinds.HAT, (float(VARIABLES.index(hat[3])), at, half, side)
-    return None
 
 
 def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power: float = 1.0, where: str = "") -> Term:
@@ -243,6 +190,26 @@ def step(quantity: str, variable: str, at: float) -> Term:
     return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
+def bend(quantity: str, variable: str, at: float, side: float) -> Term:
+    """One that grows beyond a value of the variable: above it for a side of 1, below it for -1."""
+    at = round(at, PLACE_DIGITS) + 0.0
+    name, factor, words = "up_from", f"max({variable} {'+' if at < 0 else '-'} {abs(at):g}, 0.0)", "above"
+    if side < 0:
+        name, factor, words = "down_from", f"max({at:g} - {variable}, 0.0)", "below"
+    where = f"{PLACES[quantity]}, {DEPENDENCES[variable]} {words} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
+    return _term(quantity, f"{variable}_{name}", factor, (variable,), 1.0, where)
+
+
+def only_at(term: Term, counted: str, k: int) -> Term:
+    """The same at one rail, for one ball, at one table or for one player alone."""
+    name = f"{term.quantity}_{counted}_{k}{term.name.removeprefix(term.quantity)}"
+    where = _which(term.quantity, counted, k) + term.where.removeprefix(PLACES[term.quantity])
+    return dataclasses.replace(
+        term, name=name, factor=f"({counted} == {k}) * ({term.factor})", where=where, only=(counted, k),
+        depends_on=tuple(dict.fromkeys((DEPENDENCES[counted], *term.depends_on))),
+    )  # fmt: skip
+
+
 def decay(quantity: str, variable: str, scale: float) -> Term:
     """One that falls by e over a scale."""
     scale = max(round(scale, PLACE_DIGITS), 10.0**-PLACE_DIGITS)
@@ -280,6 +247,9 @@ def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[S
     steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
     second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
     families += [[(square(quantity, variable),)], [(one,) for one in steps]]
+    for side in (1.0, -1.0):
+        bends = [bend(quantity, variable, low + part, side) for part in parts]
+        families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])
     families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
     if variable in DECAYING:
         decays, least = [decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
@@ -287,6 +257,14 @@ def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[S
     if variable in SIZED:
         families.append([(size(quantity, variable),)])
     return [*families, [curve(quantity, variable, low, high, intervals) for intervals in CURVE_INTERVALS]]
+
+
+def shapes_at_one(quantity: str, counted: str, count: int, variable: str, low: float, high: float) -> list[list[Shape]]:
+    """The same at one rail, or for one ball, alone, of each."""
+    every = shapes(quantity, variable, low, high)
+    return [
+        [tuple(only_at(one, counted, k) for one in shape) for shape in family] for k in range(count) for family in every
+    ]
 
 
 def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]]:

@@ -15,21 +15,27 @@ from models.errors import BadInput
 from models.files.faults import shown
 from models.shot import Table
 from sysid.clips.session import MAX_NUMBERED
-from sysid.selection.terms import (
+from sysid.selection.factors import (
+    BEND_PATTERN,
     DECAY_PATTERN,
     HAT_PATTERN,
+    ONLY_PATTERN,
     POWER_PATTERN,
+    SEEN_BY,
+    STEP_PATTERN,
+    factor_code,
+)
+from sysid.selection.terms import (
     RAIL_NAMES,
     SECOND_STEP,
-    SEEN_BY,
     SIZED,
-    STEP_PATTERN,
     Term,
+    bend,
     cell,
     decay,
-    factor_code,
     hat,
     library,
+    only_at,
     size,
     square,
     step,
@@ -38,7 +44,7 @@ from sysid.selection.terms import (
 MAX_BALLS = 100  # for which terms of an earlier result are looked up
 MAX_COEFFICIENT_WIDTHS = 100.0  # largest coefficient of an earlier result, over the term's width
 RESULT_REMEDY = "name a result.json as sysid discover of this version writes it"
-CURVE_NAME = re.compile(r"[a-z_]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
+CURVE_NAME = re.compile(r"[a-z_0-9]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
 
 
 @cache
@@ -89,6 +95,13 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
     code = factor_code(quantity, factor)
     if code is None or quantity not in SEEN_BY:
         return None
+    if found := ONLY_PATTERN.fullmatch(factor):
+        counted = f"{found[1]}_{int(found[2])}_"
+        plain = name.replace(counted, "", 1)
+        term = _known_terms().get((plain, quantity)) or _read(plain, quantity, found[3])
+        return None if term is None or term.only else only_at(term, found[1], int(found[2]))
+    if found := BEND_PATTERN.fullmatch(factor):
+        return bend(quantity, found[1] or found[5], *code[1][1:])
     if found := STEP_PATTERN.fullmatch(factor):
         one = step(quantity, found[1], float(found[2]))
         return dataclasses.replace(one, name=name) if name == f"{quantity}_{found[1]}_{SECOND_STEP}" else one

@@ -35,6 +35,7 @@ def test_verbs_on_a_full_disk() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("verb", [verb for verb in WORKS if verb not in QUICK])
 def test_every_verb_that_writes_on_a_full_disk(verb: str) -> None:
     assert filled(2 if verb in LONG else 6, [verb]) == ""

@@ -16,7 +16,10 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("name", WORKS)
+SHORT = "campaign"
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != SHORT)) for name in WORKS])
 def test_kills_at_random_moments_lose_nothing(name: str, tmp_path: Path) -> None:
     tally = Tally()
     Course(name, WORKS[name], tmp_path / "course").run(

@@ -185,6 +185,7 @@ def test_constants_that_are_off_by_a_twentieth_come_back(chain: tuple[Chain, np.
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_an_effect_of_impacts_is_found_in_long_shots(data_folder: Path) -> None:
     """In shots of another program, which knows no model of ours: the restitution of cushions falls with the speed."""
     clip_set = read_clip_set(data_folder / "long" / "set-51")

@@ -70,6 +70,7 @@ def test_a_strong_effect_on_the_cloth_is_found_where_whole_shots_are_not_followe
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_step_has_its_place_and_two_quantities_share_it(data_folder: Path) -> None:
     """Of another program: sliding and rolling friction are 1.3 times as high where x > 0.2 m."""
     _, found, known = found_beyond(data_folder, "set-41")

@@ -17,7 +17,7 @@ import pytest
 import models.model_file
 from models.contract import check_file
 from models.errors import BadInput
-from models.formula import HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, factor_value
+from models.formula import BEND, HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Session, Shot, Table, Track
@@ -26,14 +26,16 @@ from models.simulation.simulate import simulate
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.report.figures import curve_charts
 from sysid.selection.effect_file import effect_source
+from sysid.selection.factors import SEEN_BY
 from sysid.selection.formula import SparseFormula, describe, source_from
-from sysid.selection.terms import COUNTED, SEEN_BY, Shape, Term, curve, effect_from_terms, library, shapes
+from sysid.selection.terms import COUNTED, Shape, Term, curve, effect_from_terms, library, shapes, shapes_at_one
 from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
 SHAPES = [family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:]]
+SHAPES += [family[-1] for family in shapes_at_one("cushion_mu", "rail", 4, "along", -1.7, 1.7)[5::6]]
 COUNTS = {"rail": 4, "number": 3, "table": 3, "player": 3}
 TERMS = [*library(TABLE, COUNTS), *{term.name: term for shape in SHAPES for term in shape}.values()]
 
@@ -118,11 +120,13 @@ def test_a_cell_acts_in_its_place_alone() -> None:
 @pytest.mark.slow
 def test_every_shape_is_read_again_as_it_was_written() -> None:
     """Of every variable that a quantity may depend on; on the cloth both engines know where a step lies."""
+    counted = ("rail", 2)
     for quantity, variables in SEEN_BY.items():
         for variable in (v for v in variables if v not in COUNTED):
             families = (
                 shapes(quantity, variable, -0.7, 1.1) if variable in "xy" else shapes(quantity, variable, 0.0, 3.0)
             )
+            families += shapes_at_one(quantity, *counted, variable, 0.0, 3.0) if variable == "along" else []
             terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
             for term in terms:
@@ -219,11 +223,13 @@ def test_the_text_of_a_factor_says_what_its_code_does(term: Term) -> None:
             "heading": math.atan2(vy, vx), "abs": abs, "min": min, "max": max, "cos": math.cos,
             "sin": math.sin, "exp": math.exp,
         }  # fmt: skip
-        v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT else 0.0
+        v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT or term.kind == BEND else 0.0
         if term.kind == PRODUCT:
             v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
         heading = math.atan2(vy, vx)
         found = factor_value(float(term.kind), *numbers, v, x, y, heading, wz, first, second)
+        if term.only is not None and variables[term.only[0]] != term.only[1]:
+            found = 0.0
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
         assert found == pytest.approx(float(said), rel=1e-12, abs=1e-12)
 
@@ -235,6 +241,7 @@ WRITTEN = [
     ("cushion_e_grazing", "cushion_mu_grazing", "ball_mu_approach", "ball_e_slip", "push_x_order"),
     ("drag_warmth", "cushion_e_hour", "ball_mu_cloth_age", "image_x_table_2", "grip_player_1"),
     ("cushion_e_wz", "ball_mu_wz", "drag_x_curve_16_5", "drag_speed_curve_16_16", "image_x_order", "image_y_number_1"),
+    ("drag_x_down_from", "cushion_e_along_up_from", "cushion_mu_rail_0_along_above", "cushion_mu_rail_1_along_up_from"),
     ("drag_x_order", "cushion_mu_wz_hour", "ball_e_approach_cloth_age", "image_x_y_order", "grip_slip_warmth"),
 ]
 
