@@ -172,8 +172,7 @@ def explained_by_shape(
     """A formula with one shape more, if that explains more than an effect, or something where there is none.
 
     Several shapes against one effect would win wherever much is missing, though more effects may explain that, too.
-    Shapes are scored where a fit without them may have bent, so that the likeliest few are fitted, until one leaves
-    no more than noise.
+    Shapes are scored where a fit without them may have bent, so that the likeliest few are fitted.
 
     Args:
         view: a fit without any of both, from which one with a term begins.
@@ -189,8 +188,6 @@ def explained_by_shape(
         at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
         if threshold.is_passed(at):
             tried.append((at, larger, shape))
-            if at.view.leaves_noise:
-                break
     if not tried:
         return None
     at, larger, shape = max(tried, key=lambda one: one[0].in_all)

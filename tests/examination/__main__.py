@@ -119,14 +119,56 @@ def slow_zoom(seen: tuple[float, float], order: float) -> tuple[float, float]:
     return seen[0] * (1.0 + 0.004 * order), seen[1]
 
 
+def damp_end(world: World) -> None:
+    """Rolling friction is higher by 0.35 of itself for every metre beyond x = 0.6 m."""
+    world.roll = _times(world.roll, lambda seen: 1.0 + 0.35 * max(0.0, seen.ball[0] - 0.6))
+
+
+def brushed_one_way(world: World) -> None:
+    """Sliding friction is 1 + 0.15 cos(heading) times as high: the cloth is brushed along x."""
+    world.slide = _times(world.slide, lambda seen: 1.0 + 0.15 * math.cos(_heading(seen)))
+
+
+def dead_end(world: World) -> None:
+    """The cushion at -x returns 0.07 less where y is above 0.2 m."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.07 if seen.rail == "-x" and seen.ball[1] > 0.2 else 0.0)
+
+
+def sticky_when_new(world: World) -> None:
+    """Friction of cushions is higher by 0.08 in the first third of the session."""
+    world.cushion_mu = _plus(world.cushion_mu, lambda seen: 0.08 if seen.order < 1 / 3 else 0.0)
+
+
+def dust_on_balls(world: World) -> None:
+    """Friction of balls is higher by 0.06 exp(-approach / 0.8)."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: 0.06 * math.exp(-seen.approach / 0.8))
+
+
+def chipped_balls(world: World) -> None:
+    """Balls return 0.05 less beyond 1.1 m/s of approach."""
+    world.ball_e = _plus(world.ball_e, lambda seen: -0.05 if seen.approach > 1.1 else 0.0)
+
+
+def evening_cloth(world: World) -> None:
+    """Rolling friction grows by 0.03 of itself for every degree that the room is warmer, of which the clips tell."""
+    world.roll = _times(world.roll, lambda seen: 1.0 + 0.03 * (seen.celsius - 20.0))
+
+
+def turning_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image turns in the session, by 4 mrad in all."""
+    return seen[0] - 0.004 * order * seen[1], seen[1] + 0.004 * order * seen[0]
+
+
 PHYSICS: dict[str, Change] = {
     one.__name__: one
     for one in (
         *(worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball, warm_room),
         *(uneven_stretch, two_pieces, chalky_stretch, tired_rubber, soft_red, gripping_spin),
+        *(damp_end, brushed_one_way, dead_end, sticky_when_new, dust_on_balls, chipped_balls, evening_cloth),
     )
 }
-PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera, bent_picture, slow_zoom)}
+PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera)}
+WITH_TEMPERATURE = (warm_room.__name__, evening_cloth.__name__)
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")
 
 
@@ -169,7 +211,7 @@ def make(folder: Path, family: str, seed: int, clips: int = CLIPS) -> None:
     laws = {name: (lambda seen, value=value: value) for name, value in values.items() if name != "spin"}
     for number in range(clips):
         order = number / (clips - 1)
-        celsius = draw.uniform(17.0, 25.0) if family == warm_room.__name__ else 20.0
+        celsius = draw.uniform(17.0, 25.0) if family in WITH_TEMPERATURE else 20.0
         world = World(order=order, celsius=celsius, spin=values["spin"], **laws)
         if family in PHYSICS:
             PHYSICS[family](world)
@@ -184,7 +226,7 @@ def make(folder: Path, family: str, seed: int, clips: int = CLIPS) -> None:
                 rows.append(f"{time:.6f},{name},{x + draw.gauss(0, SIGMA_M):.6f},{y + draw.gauss(0, SIGMA_M):.6f},")
         (folder / file).write_text("\n".join(rows) + "\n", encoding="utf-8")
         lines += ["", "[[clip]]", f'file = "{file}"', 'struck = "cue"']
-        lines += [f"session = {{ temperature = {celsius:.2f} }}"] if family == warm_room.__name__ else []
+        lines += [f"session = {{ temperature = {celsius:.2f} }}"] if family in WITH_TEMPERATURE else []
     (folder / "clips.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     hidden = (PHYSICS | PICTURES).get(family)
     truth = {"family": family, "hidden": hidden.__doc__ if hidden else "nothing", "constants": values}

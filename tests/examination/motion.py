@@ -10,7 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 GRAVITY, STEP_S = 9.81, 2e-4
-IMPULSE_STEPS = 400  # of the normal impulse, up to the end of compression
+IMPULSE_STEPS = 4000  # of the normal impulse, up to the end of compression
+TOUCH_M = 1e-9  # within which an impact is landed on
 NOSE_SIN, NOSE_COS = 0.4, math.sqrt(0.84)  # of the height at which a cushion meets a ball
 
 Ball = list[float]
@@ -67,9 +68,41 @@ class World:
         return places
 
     def _advance(self, balls: list[Ball], step: float) -> None:
+        """Let a time pass; where bodies meet meanwhile, up to then, and from there on."""
+        while step > 0.0:
+            before, part = [ball[:] for ball in balls], step
+            self._glide_all(balls, step)
+            if self._deepest(balls) > TOUCH_M:
+                low = 0.0
+                while part - low > 1e-15 and not 0.0 <= self._deepest(balls) <= TOUCH_M:
+                    middle = 0.5 * (low + part)
+                    balls[:] = [ball[:] for ball in before]
+                    self._glide_all(balls, middle)
+                    low, part = (middle, part) if self._deepest(balls) < 0.0 else (low, middle)
+                self._collide(balls)
+            step -= part
+
+    def _glide_all(self, balls: list[Ball], step: float) -> None:
         for number, ball in enumerate(balls):
             if any(ball[2:]):
                 self._glide(ball, number, step)
+
+    def _deepest(self, balls: list[Ball]) -> float:
+        """How deep those are in each other that come closer; below 0 where none are [m]."""
+        reach, found = self.radius * NOSE_COS, -math.inf
+        for k, ball in enumerate(balls):
+            for axis, half in ((0, self.length / 2), (1, self.width / 2)):
+                for side in (1.0, -1.0):
+                    if side * ball[2 + axis] > 0.0:
+                        found = max(found, side * ball[axis] - (half - reach))
+            for other in balls[:k]:
+                dx, dy = ball[0] - other[0], ball[1] - other[1]
+                if (ball[2] - other[2]) * dx + (ball[3] - other[3]) * dy < 0.0:
+                    found = max(found, 2 * self.radius - math.hypot(dx, dy))
+        return found
+
+    def _collide(self, balls: list[Ball]) -> None:
+        """The impacts of all that touch."""
         for a in range(len(balls)):
             for b in range(a + 1, len(balls)):
                 self._meet(balls[a], balls[b], a, b)
@@ -115,9 +148,6 @@ class World:
                 speed = side * ball[2 + axis]
                 if depth < 0.0 or speed <= 0.0:
                     continue
-                back = depth / speed
-                ball[0] -= ball[2] * back
-                ball[1] -= ball[3] * back
                 outward = (side, 0.0) if axis == 0 else (0.0, side)
                 seen = Seen(
                     ball,
@@ -128,8 +158,6 @@ class World:
                     celsius=self.celsius,
                 )
                 self._strike_cushion(ball, outward, speed, seen)
-                ball[0] += ball[2] * back
-                ball[1] += ball[3] * back
 
     def _strike_cushion(self, ball: Ball, out: tuple[float, float], speed: float, seen: Seen) -> None:
         """Impulses at the nose and at the cloth below, until the work is returned."""
@@ -158,10 +186,18 @@ class World:
             work += done
 
     def _push(self, ball: Ball, point: tuple[float, float, float], impulse: float, mu: float, cloth: float) -> None:
-        """One step of the normal impulse at a point of the ball (unit vector from its centre)."""
+        """One step of the normal impulse at a point of the ball (unit vector from its centre), by its middle."""
+        middle = ball[:]
+        self._push_from(middle, ball[:], point, 0.5 * impulse, mu, cloth)
+        self._push_from(ball, middle, point, impulse, mu, cloth)
+
+    def _push_from(
+        self, ball: Ball, now: Ball, point: tuple[float, float, float], impulse: float, mu: float, cloth: float
+    ) -> None:
+        """The same by the slips of a state."""
         radius, mass = self.radius, self.mass
         px, py, pz = point
-        _, _, vx, vy, wx, wy, wz = ball
+        _, _, vx, vy, wx, wy, wz = now
         sx, sy, sz = vx + radius * (wy * pz - wz * py), vy + radius * (wz * px - wx * pz), radius * (wx * py - wy * px)
         normal = sx * px + sy * py + sz * pz
         sx, sy, sz = sx - normal * px, sy - normal * py, sz - normal * pz
@@ -170,7 +206,7 @@ class World:
         fx, fy, fz = -size * sx, -size * sy, -size * sz
         self._add(ball, (-impulse * px + fx, -impulse * py + fy), (fx, fy, fz), point)
         down = impulse * pz - fz
-        self._press(ball, down, cloth)
+        self._press(ball, now, down, cloth)
 
     def _add(
         self, ball: Ball, linear: tuple[float, float], force: tuple[float, float, float],
@@ -186,11 +222,11 @@ class World:
         ball[5] += k * (pz * fx - px * fz)
         ball[6] += k * (px * fy - py * fx)
 
-    def _press(self, ball: Ball, down: float, cloth: float) -> None:
-        """Friction at the cloth under a ball that is pressed down by an impulse."""
+    def _press(self, ball: Ball, now: Ball, down: float, cloth: float) -> None:
+        """Friction at the cloth under a ball that is pressed down by an impulse, by the slip of a state."""
         if down <= 0.0:
             return
-        ux, uy = ball[2] - self.radius * ball[5], ball[3] + self.radius * ball[4]
+        ux, uy = now[2] - self.radius * now[5], now[3] + self.radius * now[4]
         slip = math.hypot(ux, uy)
         if slip > 1e-12:
             size = min(cloth * down, 2.0 / 7.0 * self.mass * slip) / slip
@@ -204,12 +240,6 @@ class World:
         closing = ((one[2] - two[2]) * dx + (one[3] - two[3]) * dy) / gap
         if closing <= 0.0:
             return
-        back = (2 * self.radius - gap) / closing
-        for ball in (one, two):
-            ball[0] -= ball[2] * back
-            ball[1] -= ball[3] * back
-        dx, dy = two[0] - one[0], two[1] - one[1]
-        gap = math.hypot(dx, dy)
         n = (dx / gap, dy / gap)
         seen = Seen(one, a, approach=closing, other=b, order=self.order, celsius=self.celsius)
         e, mu, cloth = self.ball_e(seen), self.ball_mu(seen), self.slide(seen)
@@ -233,20 +263,26 @@ class World:
                 self._pair(one, two, n, step * min((work - least) / -done, 1.0), mu, cloth)
                 break
             work += done
-        for ball in (one, two):
-            ball[0] += ball[2] * back
-            ball[1] += ball[3] * back
 
     def _pair(self, one: Ball, two: Ball, n: tuple[float, float], impulse: float, mu: float, cloth: float) -> None:
-        """One step of the normal impulse between two balls."""
+        """One step of the normal impulse between two balls, by its middle."""
+        middle = one[:], two[:]
+        self._pair_from(*middle, (one[:], two[:]), n, 0.5 * impulse, mu, cloth)
+        self._pair_from(one, two, middle, n, impulse, mu, cloth)
+
+    def _pair_from(
+        self, one: Ball, two: Ball, now: tuple[Ball, Ball], n: tuple[float, float], impulse: float, mu: float,
+        cloth: float,
+    ) -> None:  # fmt: skip
+        """The same by the slips of two states."""
         radius, mass = self.radius, self.mass
-        tx, ty = n[1], -n[0]
-        st = (one[2] - two[2]) * tx + (one[3] - two[3]) * ty - radius * (one[6] + two[6])
-        sz = radius * ((one[4] + two[4]) * tx + (one[5] + two[5]) * ty)
+        (p, q), (tx, ty) = now, (n[1], -n[0])
+        st = (p[2] - q[2]) * tx + (p[3] - q[3]) * ty - radius * (p[6] + q[6])
+        sz = radius * ((p[4] + q[4]) * tx + (p[5] + q[5]) * ty)
         slip = math.hypot(st, sz)
         size = min(mu * impulse, mass * slip / 7.0) / slip if slip > 1e-12 else 0.0
         fx, fy, fz = -size * st * tx, -size * st * ty, -size * sz
         self._add(one, (-impulse * n[0] + fx, -impulse * n[1] + fy), (fx, fy, fz), (n[0], n[1], 0.0))
         self._add(two, (impulse * n[0] - fx, impulse * n[1] - fy), (-fx, -fy, -fz), (-n[0], -n[1], 0.0))
-        self._press(one, -fz, cloth)
-        self._press(two, fz, cloth)
+        self._press(one, p, -fz, cloth)
+        self._press(two, q, fz, cloth)
