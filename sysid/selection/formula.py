@@ -55,6 +55,8 @@ from sysid.selection.terms import (
 from sysid.selection.terms_read import RESULT_REMEDY, term_from_json
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
+RIVAL_SHARE = 0.5  # of the predicted log odds of the likeliest cause: predictions are right to a factor of two
+MAX_RIVALS = 3  # functions, and shapes of the likeliest of them, that are fitted
 MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
 EFFECT_NAME = "unexplained"
 UNNAMED = "unnamed"  # the effect by which something without a name is fitted before its shape is known
@@ -166,7 +168,10 @@ def _functions(base: Point) -> tuple[dict[str, tuple[float, float]], dict[str, i
 
 
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[SparseFormula]:
-    """Formulas with one shape more, for what a fit leaves, the likeliest first; none where nothing unnamed is likely.
+    """Formulas with one shape more, for what a fit leaves; none where nothing unnamed is likely.
+
+    A few shapes of the likeliest function, and one of each that may be as likely: they are scored where a fit without
+    them may have bent, so that only fits tell them apart.
 
     None as well where a function of the order of the clips, a number that each shot has of its own, is as likely as one
     of what balls do: the clips say that the quantity differs between shots, and not by what.
@@ -180,12 +185,15 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
     if found[0].log_odds <= 0.0:
         return []
-    block = found[0].block
-    if block is None:
-        rivals = [(_shape_of(found[0].name, terms), found[0])]
-    else:
-        families = [family for family in (_others(one, old) for one in block.shapes(looked.seen)) if family]
-        rivals = _likeliest(families, looked.score)
+    rivals = list[tuple[Shape, Cause]]()
+    for k, one in enumerate(found[:MAX_RIVALS]):
+        if one.log_odds < RIVAL_SHARE * found[0].log_odds:
+            break
+        if one.block is None:
+            rivals.append((_shape_of(one.name, terms), one))
+            continue
+        families = [family for family in (_others(each, old) for each in one.block.shapes(looked.seen)) if family]
+        rivals += _likeliest(families, looked.score)[: 1 if k else MAX_RIVALS]
     rivals = [(shape, cause) for shape, cause in rivals if len(old.terms) + len(shape) <= MAX_TERMS]
     if not rivals:
         return []
@@ -201,10 +209,10 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     return [old.with_shape(shape, cause, _alike(shape, found, terms), base) for shape, cause in rivals]
 
 
-def simplified(
+def reshaped(
     found: SparseFormula, group: Shape, base: Point, score: Callable[[Sequence[Candidate]], Scores]
 ) -> SparseFormula | None:
-    """The formula with a shape of fewer terms in place of one of its; None where none is likelier.
+    """The formula with another shape of the same variables in place of one of its; None where none is likelier.
 
     Args:
         found: the formula.
@@ -217,12 +225,8 @@ def simplified(
     for block in free:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):
-            rivals = [
-                [shape for shape in family if len(shape) < len(group) or names == [term.name for term in shape]]
-                for family in families
-            ]
-            shape, cause = _likeliest([few for one in rivals if (few := _others(one, old))], score)[0]
-            if len(shape) == len(group):
+            shape, cause = _likeliest([few for one in families if (few := _others(one, old))], score)[0]
+            if names == [term.name for term in shape] or len(old.terms) + len(shape) > MAX_TERMS:
                 return None
             log.info("likelier than %s: %s", group[0].group, ", ".join(term.name for term in shape))
             at = found.terms.index(group[0])

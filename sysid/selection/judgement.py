@@ -19,7 +19,7 @@ import numpy as np
 
 from sysid.estimation.problem import Array, Index
 from sysid.selection.evidence import Evidence, chi2_of_known
-from sysid.selection.formula import EFFECT_NAME
+from sysid.selection.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
 from sysid.selection.free_forms import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.signatures import Candidate
 from sysid.selection.terms import Shape
@@ -135,9 +135,10 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
 
 
 def judged_where_found(less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold) -> Judged[V]:
-    """The same; held-out shots that alone speak against it are first searched for where they began."""
+    """The same; held-out shots that speak against what the others say are first searched for where they began."""
     at = judged(less.beside(more), more, unknowns)
-    if threshold.is_sure(at) and not threshold.is_passed(at) and (again := more.renewed().searched()) is not more:
+    against = threshold.is_sure(at) and at.held < -SEPARATED_LOG_ODDS
+    if against and (again := more.renewed().searched()) is not more:
         at = judged(less.beside(again), again, unknowns)
     return at
 

@@ -19,6 +19,7 @@ from typing import Generic
 
 from sysid.selection.formula import (
     EFFECT_NAME,
+    RIVAL_SHARE,
     SEPARATED_LOG_ODDS,
     UNNAMED,
     Looked,
@@ -26,8 +27,8 @@ from sysid.selection.formula import (
     grown,
     look,
     parameters_of,
+    reshaped,
     shape_candidates,
-    simplified,
 )
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import (
@@ -48,7 +49,6 @@ from sysid.selection.signatures import candidate
 from sysid.selection.terms import Shape
 
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
-RIVAL_SHARE = 0.5  # of the predicted log odds of the likeliest cause: predictions are right to a factor of two
 log = logging.getLogger(__name__)
 
 
@@ -172,7 +172,7 @@ def explained_by_shape(
     """A formula with one shape more, if that explains more than an effect, or something where there is none.
 
     Several shapes against one effect would win wherever much is missing, though more effects may explain that, too.
-    Shapes are scored where a fit without them may have bent, so that the likeliest few are fitted.
+    Of shapes that the shots do not tell apart, the one of the fewest variables and terms is taken.
 
     Args:
         view: a fit without any of both, from which one with a term begins.
@@ -183,14 +183,16 @@ def explained_by_shape(
         threshold: that a shape must pass.
     """
     tried = []
-    for larger in grown(formula, view.point, seen)[:MAX_FITS]:
+    for larger in grown(formula, view.point, seen):
         shape = larger.terms[0 if formula is None else len(formula.terms) :]
         at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
         if threshold.is_passed(at):
             tried.append((at, larger, shape))
     if not tried:
         return None
-    at, larger, shape = max(tried, key=lambda one: one[0].in_all)
+    least = max(one.in_all for one, _, _ in tried) - SEPARATED_LOG_ODDS
+    alike = [one for one in tried if one[0].in_all > least]
+    at, larger, shape = min(alike, key=lambda one: (len(one[2][0].depends_on), len(one[0].unknowns), -one[0].in_all))
     more = at.view.renewed()
     return (more, larger) if rival is None or outdoes(more, shape, rival) else None
 
@@ -239,14 +241,15 @@ def without_needless(
     return view, verdict, formula
 
 
-def with_simplest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
-    """The fit with a shape of fewer terms in place of each for which one is likelier, by shots that are followed.
+def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
+    """The fit with another shape in place of each for which one is likelier.
 
-    A shape is chosen first where much is missing, and a curve may then fit what is a line.
+    A shape is chosen first where much is missing, and a curve may then fit what is a line; what it misses would look
+    like one cause more.
     """
-    for name in [group[0].group for group in formula.groups if len(group) > 1]:
+    for name in [group[0].group for group in formula.groups]:
         group = next(one for one in formula.groups if one[0].group == name)
-        other = simplified(formula, group, view.point, partial(view.scores_without, parameters_of(group)))
+        other = reshaped(formula, group, view.point, partial(view.scores_without, parameters_of(group)))
         if other is not None:
             more, shape = view.with_effect(other.score()), other.groups[-1]
             if likelier(view, unknowns_of_terms(group), more, unknowns_of_terms(shape)) > 0.0:
@@ -279,9 +282,6 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
         if _what(now) in been:  # nothing was added, or what was dropped
             view = found.view.searched()
             now = _needed(view, found, found.verdict, found.formula, seen.threshold, searching=True)
-            if now.formula is not None:
-                view, formula = with_simplest_shapes(now.view, now.formula)
-                now = dataclasses.replace(now, view=view, formula=formula)
             if now.view is found.view:
                 yield found, seen.screening
                 return
@@ -295,8 +295,10 @@ def _needed(
     view: V, found: Found[V], verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold,
     searching: bool = False,
 ) -> Found[V]:  # fmt: skip
-    """What was found, with another fit of these effects and terms, without those that are not needed in it."""
+    """What was found, with another fit, without effects and terms that it does not need, in their likeliest shapes."""
     now, kept, formula = without_needless(view, verdict, formula, threshold, searching)
+    if formula is not None:
+        now, formula = with_likeliest_shapes(now, formula)
     gone = tuple(name for name in verdict if name not in kept)
     return Found(now if now is view else now.renewed(), kept, formula, (*found.dropped, *gone))
 

@@ -18,6 +18,7 @@ from sysid.clips import ClipSet, read_clip_set
 from sysid.selection.diagnose import diagnose
 from sysid.selection.discover import discover
 from sysid.selection.result import DiscoveryResult
+from tests.examination.__main__ import chalky_stretch, make
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -106,3 +107,19 @@ def test_a_law_of_the_angle_at_cushions_is_found_in_windows(data_folder: Path) -
     assert diagnosed.verdict is None and diagnosed.unexplained is not None
     assert diagnosed.unexplained["depends_on"] == ["angle"]
     assert diagnosed.unexplained["size"] == pytest.approx(-0.10, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_a_stretch_of_one_cushion_is_found(tmp_path: Path) -> None:
+    """Of another program: the cushion at +y has 0.10 more friction between x = -0.9 and 0.3 m."""
+    make(tmp_path / "set", chalky_stretch.__name__, 5)
+    clip_set = read_clip_set(tmp_path / "set")
+    found = discover(clip_set, full_model(clip_set.table, clip_set.ball))
+    assert found.verdict == () and found.unexplained is not None and found.explained is not None
+    steps = {term["factor"].partition(" > ")[0]: term for term in found.unexplained["terms"]}
+    assert set(steps) == {"(rail == 2) * (along"} and len(found.unexplained["terms"]) == 2
+    first, second = sorted(found.unexplained["terms"], key=lambda term: float(term["at"]))
+    assert (first["at"], second["at"]) == (pytest.approx(-0.9, abs=0.05), pytest.approx(0.3, abs=0.05))
+    assert (first["value"], second["value"]) == (pytest.approx(0.10, rel=0.1), pytest.approx(-0.10, rel=0.1))
+    assert found.explained.held_rms < 1.1 * 0.0005
