@@ -188,6 +188,8 @@ def explained_by_shape(
         at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
         if threshold.is_passed(at):
             tried.append((at, larger, shape))
+        elif not tried:  # the likeliest
+            break
     if not tried:
         return None
     least = max(one.in_all for one, _, _ in tried) - SEPARATED_LOG_ODDS
@@ -274,12 +276,16 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
     more is likely, shots that miss are searched for where they began, and only what stays sure then is kept: what looks
     like a cause may be a shot that is said to begin elsewhere.
     """
-    been = [_what(found)]
+    been, searched = [_what(found)], list[tuple[frozenset[str], frozenset[str]]]()
     while True:
         seen = next_cause(found.view, found.formula, error_rate)
         verdict = (*found.verdict, seen.name) if seen.name else found.verdict
         now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
         if _what(now) in been:  # nothing was added, or what was dropped
+            if _what(found) in searched:
+                yield found, seen.screening
+                return
+            searched.append(_what(found))
             view = found.view.searched()
             now = _needed(view, found, found.verdict, found.formula, seen.threshold, searching=True)
             if now.view is found.view:
