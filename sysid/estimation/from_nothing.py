@@ -36,6 +36,7 @@ LAST_STEPS = 8
 SEED_OF_HALVES = 0
 AGAIN = 1  # search more, from states that are nearly right
 HELD_OUT_STEPS = 4  # of the states of held-out windows at other constants
+LIKELIER = 0.5  # fall of a shot's loss from which other states are taken
 log = logging.getLogger(__name__)
 
 
@@ -125,6 +126,30 @@ def searched(at: WindowFit, spread: Spread | None = None) -> WindowFit:
         held = held.with_spread(chain.spread)
         held_states = searched_windows(held, now.constants, held_states, AGAIN)
     return WindowFit(now, held, held_states)
+
+
+def from_other(at: WindowFit, other: WindowFit, steps: int) -> WindowFit:
+    """The fit from the windows of another one, settled, in each shot in which these are likelier than its own.
+
+    Of two fits the one may follow a window by luck; by this both do.
+    """
+    found, c = at.fitted, at.fitted.constants
+    states = _likelier(found.chain, found.states, other.fitted.states, c)
+    held_states = at.held_states
+    if at.held_out is not None:
+        held_states = _likelier(at.held_out, held_states, other.held_states, c)
+    if states is not found.states:
+        return moved_to(
+            WindowFit(found, at.held_out, held_states), fit_chain(found.chain, states, c, steps, "from another optimum")
+        )
+    return at if held_states is at.held_states else WindowFit(found, at.held_out, held_states)
+
+
+def _likelier(chain: Chain, states: Array, others: Array, c: Array) -> Array:
+    """States of windows (w, p), or in a shot others, settled, where these are likelier."""
+    sd, settled = chain.gap_sd(states), settled_states(chain, others, c, HELD_OUT_STEPS)
+    better = chain.losses(settled, c, sd) < chain.losses(states, c, sd) - LIKELIER
+    return np.where(better[chain.windows.shot][:, None], settled, states) if better.any() else states
 
 
 def as_fitted(at: WindowFit, problem: ShotProblem, x: Array) -> FittedModel:

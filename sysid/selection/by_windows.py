@@ -21,7 +21,7 @@ import numpy as np
 from sysid.estimation.chain import Beside, equations, reduced
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.from_nothing import WindowFit, moved_to, searched
+from sysid.estimation.from_nothing import WindowFit, from_other, moved_to, searched
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.score import Linearised, Score
@@ -88,11 +88,11 @@ class ByWindows(FitView):
         return dataclasses.replace(self, at=without_effect(self.at, name, 0))
 
     def beside(self, other: Self) -> Self:
-        """The fit at the errors of the model that another one has."""
+        """The fit at the errors of the model that another one has, and from its windows where these are likelier."""
         spread = other.at.fitted.chain.spread
-        return (
-            self if self.at.fitted.chain.spread == spread else dataclasses.replace(self, at=searched(self.at, spread))
-        )
+        at = self.at if self.at.fitted.chain.spread == spread else searched(self.at, spread)
+        at = from_other(at, other.at, CANDIDATE_STEPS)
+        return self if at is self.at else dataclasses.replace(self, at=at)
 
     def renewed(self) -> Self:
         """The fit from windows searched anew, at the most likely errors of the model."""

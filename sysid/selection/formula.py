@@ -30,16 +30,15 @@ from sysid.selection.evidence import Evidence
 from sysid.selection.free_forms import (
     Block,
     Cause,
+    Span,
     blocks,
-    cause_of,
     causes,
     counts_of,
     free_candidates,
-    mean_odds,
     ranges,
-    usual_values,
 )
 from sysid.selection.score import Score, Scores
+from sysid.selection.shapes import likeliest, placed, shape_candidates, shape_of, without
 from sysid.selection.signatures import Candidate, at_sizes, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
@@ -124,7 +123,7 @@ class Looked:
     terms: list[Shape]  # of one term each
     named: frozenset[str]  # those that are effects of the catalogue
     score: Callable[[Sequence[Candidate]], Scores]  # of others
-    seen: dict[str, tuple[float, float]]  # ranges of variables
+    seen: dict[str, Span]  # ranges of variables
 
     def row(self, cause: Cause) -> Score:
         """The score of a cause."""
@@ -135,7 +134,7 @@ class Looked:
         if cause.block is not None:
             one = candidate(cause.block.effect(UNNAMED))
         else:
-            shape = _shape_of(cause.name, self.terms)
+            shape = shape_of(cause.name, self.terms)
             one = candidate(effect_from_terms(UNNAMED, shape, [term.width / 10 for term in shape]))
         return dataclasses.replace(self.row(cause), candidate=one, values=one.off() + cause.mean)
 
@@ -154,13 +153,13 @@ def look(
     """
     seen, counts, free = _functions(base)
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
-    terms = _others([(term,) for term in library(base.model.table, counts, unseen)], formula)
+    terms = without([(term,) for term in library(base.model.table, counts, unseen)], names_in(formula))
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
 
 
-def _functions(base: Point) -> tuple[dict[str, tuple[float, float]], dict[str, int], list[Block]]:
+def _functions(base: Point) -> tuple[dict[str, Span], dict[str, int], list[Block]]:
     """Ranges of the variables that a fit's clips have seen, how many of what is counted there are, and all blocks."""
     clips, table = base.problem.clips, base.model.table
     seen, counts = ranges(clips, table.length, table.width, base.model.ball.radius), counts_of(clips)
@@ -190,10 +189,13 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
         if one.log_odds < RIVAL_SHARE * found[0].log_odds:
             break
         if one.block is None:
-            rivals.append((_shape_of(one.name, terms), one))
+            rivals.append((shape_of(one.name, terms), one))
             continue
-        families = [family for family in (_others(each, old) for each in one.block.shapes(looked.seen)) if family]
-        rivals += _likeliest(families, looked.score)[: 1 if k else MAX_RIVALS]
+        families = [
+            family for family in (without(each, names_in(old)) for each in one.block.shapes(looked.seen)) if family
+        ]
+        rivals += likeliest(families, looked.score)[: 1 if k else MAX_RIVALS]
+    rivals = [placed(shape, cause, looked.score) for shape, cause in rivals]
     rivals = [(shape, cause) for shape, cause in rivals if len(old.terms) + len(shape) <= MAX_TERMS]
     if not rivals:
         return []
@@ -221,16 +223,20 @@ def reshaped(
         score: of candidates beside that fit without this shape.
     """
     old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
+    at = dict(zip(base.names, base.constants.tolist(), strict=True))
     seen, _, free = _functions(base)
     for block in free:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):
-            shape, cause = _likeliest([few for one in families if (few := _others(one, old))], score)[0]
-            if names == [term.name for term in shape] or len(old.terms) + len(shape) > MAX_TERMS:
+            own = [term.moved(at[f"{EFFECT_NAME}.{term.place_name}"]) if term.limits else term for term in group]
+            every = [few for one in families if (few := without(one, names_in(old)))]
+            shape, cause = placed(*likeliest([*every, [tuple(own)]], score)[0], score)
+            if shape == tuple(own) or len(old.terms) + len(shape) > MAX_TERMS:
                 return None
-            log.info("likelier than %s: %s", group[0].group, ", ".join(term.name for term in shape))
-            at = found.terms.index(group[0])
-            return old.with_shape(shape, cause, found.alike[at] if at < len(found.alike) else (), base)
+            factors = ", ".join(term.factor for term in shape)
+            log.info("likelier than %s of %s: %s", group[0].group, group[0].quantity, factors)
+            first = found.terms.index(group[0])
+            return old.with_shape(shape, cause, found.alike[first] if first < len(found.alike) else (), base)
     return None
 
 
@@ -243,50 +249,16 @@ def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tupl
         if cause.block is not None:
             quantity, on = cause.block.quantity, tuple(DEPENDENCES[v] for v in cause.block.variables)
         else:
-            (other,) = _shape_of(cause.name, terms)
+            (other,) = shape_of(cause.name, terms)
             quantity, on = other.quantity, other.depends_on
         if (quantity, on) != (shape[0].quantity, shape[0].depends_on):
             words.append(f"{QUANTITY_TEXTS[quantity].partition(' [')[0]} by {' and '.join(on)}")
     return tuple(dict.fromkeys(words))
 
 
-def _likeliest(
-    families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
-) -> list[tuple[Shape, Cause]]:
-    """The likeliest place or scale of each family of shapes, and it as a cause; the likeliest family first."""
-    terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
-    scores = score(shape_candidates([(term,) for term in terms]))
-    usual, name_of = usual_values(scores), {term: f"shape{k}" for k, term in enumerate(terms)}
-    odds = {
-        shape: cause_of(scores, usual, [name_of[term] for term in shape]) for family in families for shape in family
-    }
-
-    def likeliness(family: Sequence[Shape]) -> float:
-        return float(mean_odds(np.array([odds[shape].log_odds for shape in family])))
-
-    best = [
-        max(family, key=lambda shape: odds[shape].log_odds) for family in sorted(families, key=likeliness, reverse=True)
-    ]
-    return [(shape, odds[shape]) for shape in best]
-
-
-def _others(every: Sequence[Shape], formula: SparseFormula | None) -> list[Shape]:
-    """Shapes of which a formula has no term yet."""
-    have = set() if formula is None else {term.name for term in formula.terms}
-    return [shape for shape in every if have.isdisjoint(term.name for term in shape)]
-
-
-def shape_candidates(every: Sequence[Shape]) -> list[Candidate]:
-    """Each of these shapes as a candidate."""
-    return [
-        candidate(effect_from_terms(f"shape{k}", shape, [term.width / 10 for term in shape]))
-        for k, shape in enumerate(every)
-    ]
-
-
-def _shape_of(name: str, every: Sequence[Shape]) -> Shape:
-    """The shape that a candidate has."""
-    return every[int(name.removeprefix("shape"))]
+def names_in(formula: SparseFormula | None) -> set[str]:
+    """Names of its terms."""
+    return set() if formula is None else {term.name for term in formula.terms}
 
 
 def _row_of(name: str, scores: Scores) -> Score:

@@ -15,9 +15,11 @@ and smoothnesses. What many coefficients could explain by chance is so paid for,
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +42,7 @@ from sysid.selection.terms import (
     shapes_at_one,
 )
 
+MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
 SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over its quantity's width
@@ -70,7 +73,7 @@ class Block:
         """Its class of effects, of its name or another."""
         return free_form(name or self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
-    def shapes(self, seen: dict[str, tuple[float, float]]) -> list[list[Shape]]:
+    def shapes(self, seen: Mapping[str, Span]) -> list[list[Shape]]:
         """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
         if len(self.variables) > 1:
@@ -78,7 +81,7 @@ class Block:
             return shapes_at_one(self.quantity, variable, axis.count, over, *seen[over])
         if axis.kind == STEPS:
             return counted_shapes(self.quantity, variable, axis.count)
-        return shapes(self.quantity, variable, *seen.get(variable, (-math.pi, math.pi)))
+        return shapes(self.quantity, variable, *seen.get(variable, Span(-math.pi, math.pi)))
 
     def correlations(self) -> list[Array]:
         """Of its coefficients (k, k), for each smoothness."""
@@ -99,27 +102,38 @@ def _correlation(axis: Axis, part: float) -> Array:
     return np.asarray(np.exp(-0.5 * (away / (part * axis.step * (axis.count - 3))) ** 2))
 
 
-def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) -> dict[str, tuple[float, float]]:
-    """Of what clips have seen: low and high of every variable."""
+class Span(NamedTuple):
+    """What clips have seen of a variable."""
+
+    low: float
+    high: float
+    places: tuple[float, ...] = ()  # between the values that there are, where each clip has one
+
+
+def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) -> dict[str, Span]:
+    """Of every variable."""
     tracks = [ball for clip in clips for ball in clip.balls.values() if len(ball.time) > 1]
     speeds = [np.hypot(*np.diff(ball.xy, axis=0).T) / np.diff(ball.time) for ball in tracks]
     speed = max(float(np.nanquantile(one, FASTEST_QUANTILE)) for one in speeds)
     duration = max(float(ball.time[-1]) for ball in tracks)
     half = max(length, width) / 2
-    return {
+    found = {
         "x": (-length / 2, length / 2), "y": (-width / 2, width / 2), "speed": (0.0, speed), "slip": (0.0, speed),
         "wz": (-speed / radius, speed / radius), "time": (0.0, duration), "along": (-half, half),
-        "grazing": (0.0, 1.0), "approach": (0.0, speed), **_ranges_of_sessions(clips),
+        "grazing": (0.0, 1.0), "approach": (0.0, speed),
     }  # fmt: skip
+    return {name: Span(*span) for name, span in found.items()} | _ranges_of_sessions(clips)
 
 
-def _ranges_of_sessions(clips: Sequence[Clip]) -> dict[str, tuple[float, float]]:
+def _ranges_of_sessions(clips: Sequence[Clip]) -> dict[str, Span]:
     """Of what differs from one clip to another; not of tables and players."""
     found = {}
     for name in SESSION_VARIABLES:
-        values = [getattr(clip.session, name) for clip in clips]
-        if name not in COUNTED and max(values) > min(values):
-            found[name] = (min(values), max(values))
+        values = sorted({float(getattr(clip.session, name)) for clip in clips})
+        if name not in COUNTED and len(values) > 1:
+            between = [(a + b) / 2 for a, b in itertools.pairwise(values)]
+            few = between[:: math.ceil(len(between) / MAX_PLACES)]
+            found[name] = Span(values[0], values[-1], tuple(few))
     return found
 
 
@@ -132,9 +146,9 @@ def counts_of(clips: Sequence[Clip]) -> dict[str, int]:
     return {name: count if count > 1 else 0 for name, count in counts.items()}
 
 
-def blocks(seen: dict[str, tuple[float, float]], counted: dict[str, int]) -> list[Block]:
+def blocks(seen: Mapping[str, Span], counted: dict[str, int]) -> list[Block]:
     """All of one variable, and of those that a quantity may depend on together."""
-    axes = {name: Axis.over(name, *span, INTERVALS) for name, span in seen.items()}
+    axes = {name: Axis.over(name, span.low, span.high, INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
     return [

@@ -28,7 +28,6 @@ from sysid.selection.formula import (
     look,
     parameters_of,
     reshaped,
-    shape_candidates,
 )
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import (
@@ -45,6 +44,7 @@ from sysid.selection.judgement import (
     unknowns_of_terms,
 )
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
+from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import candidate
 from sysid.selection.terms import Shape
 

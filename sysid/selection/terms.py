@@ -128,6 +128,7 @@ COUNTED = ("rail", "number", "table", "player")  # of which there are a few, eac
 DRIFTING = tuple(name for name in SESSION_VARIABLES if name not in COUNTED)  # over which a dependence may change
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # of a game of two balls
 DECAYING = ("speed", "slip", "approach", "time", "cloth_age")  # of which a quantity may fade
+FINER_PARTS = 6  # of these, in which a place is looked for again
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
 PLACE_DIGITS = 4
 TOGETHER = (("rail", "along"),)  # of which a quantity may be a function of both
@@ -236,19 +237,23 @@ def curve(quantity: str, variable: str, low: float, high: float, intervals: int)
     return tuple(hats)
 
 
-def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[Shape]]:
-    """Families of shapes of a variable over a range: of each the places or scales that it may have."""
+def shapes(quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] = ()) -> list[list[Shape]]:
+    """Families of shapes of a variable over a range: of each the places or scales that it may have.
+
+    `places` are those of steps and bends; PARTS_OF_RANGE of the range without any.
+    """
     plain = straight(quantity, variable, 0)
     families: list[list[Shape]] = [[(one,)] for one in plain]
     if variable == "heading":
         return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
     parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
-    steps = [step(quantity, variable, low + part) for part in parts]
+    places = places or tuple(low + part for part in parts)
+    steps = [step(quantity, variable, place) for place in places]
     steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
     second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
     families += [[(square(quantity, variable),)], [(one,) for one in steps]]
     for side in (1.0, -1.0):
-        bends = [bend(quantity, variable, low + part, side) for part in parts]
+        bends = [bend(quantity, variable, place, side) for place in places]
         families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])
     families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
     if variable in DECAYING:
@@ -259,9 +264,11 @@ def shapes(quantity: str, variable: str, low: float, high: float) -> list[list[S
     return [*families, [curve(quantity, variable, low, high, intervals) for intervals in CURVE_INTERVALS]]
 
 
-def shapes_at_one(quantity: str, counted: str, count: int, variable: str, low: float, high: float) -> list[list[Shape]]:
+def shapes_at_one(
+    quantity: str, counted: str, count: int, variable: str, low: float, high: float, places: tuple[float, ...] = ()
+) -> list[list[Shape]]:
     """The same at one rail, or for one ball, alone, of each."""
-    every = shapes(quantity, variable, low, high)
+    every = shapes(quantity, variable, low, high, places)
     return [
         [tuple(only_at(one, counted, k) for one in shape) for shape in family] for k in range(count) for family in every
     ]
@@ -271,6 +278,21 @@ def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]
     """The same of rails or balls: one of them, or each beside the first."""
     each = straight(quantity, variable, count)
     return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
+
+
+def around(shape: Shape) -> list[Shape]:
+    """The same shape with steps and bends at finer places, up to the next that were tried; of two at most."""
+    moving = [k for k, term in enumerate(shape) if term.limits is not None and term.kind != kinds.DECAY]
+    if not 0 < len(moving) <= 2:
+        return [shape]
+    found = [shape]
+    for k in moving:
+        low, high = shape[k].limits or (0.0, 0.0)
+        at, spacing = shape[k].constants[1], (high - low) / PARTS_OF_RANGE
+        places = [at + spacing * part / FINER_PARTS for part in range(-FINER_PARTS, FINER_PARTS + 1)]
+        moved = [shape[k].moved(place) for place in places if low < place < high]
+        found = [(*one[:k], term, *one[k + 1 :]) for one in found for term in moved]
+    return [one for one in found if len(one) == 1 or one[0].constants[1] < one[-1].constants[1]]
 
 
 def product(quantity: str, variable: str, over: str) -> Term:

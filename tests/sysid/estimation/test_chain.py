@@ -23,6 +23,7 @@ from sysid.estimation.chain import (
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows
 from sysid.estimation.clip_fit import fit_clips
+from sysid.estimation.from_nothing import WindowFit, from_other
 from sysid.estimation.initial_states import shot_losses, within_noise
 from sysid.estimation.problem import values_of
 from sysid.estimation.shot_problem import shot_problem
@@ -163,6 +164,19 @@ def test_intervals_hold_the_step_that_remains_and_what_halves_differ_by(chain: t
     assert (sd[np.isfinite(sd)] >= step[np.isfinite(sd)]).all()
     far = fit_chain(at, states, np.clip(1.02 * found.constants, *at.shared.bounds.T), 0, "test")
     assert found.converged and not far.converged
+
+
+def test_a_fit_takes_over_the_windows_that_another_follows_better(chain: tuple[Chain, np.ndarray]) -> None:
+    at, states = chain
+    c, lost = values_of(at.model, at.names), states.copy()
+    mine = np.flatnonzero(at.windows.shot == 2)
+    lost[mine[1]][columns(0, at.windows.balls)[1][:2]] += 0.8
+    good, bad = (WindowFit(fit_chain(at, one, c, 0, "test"), at, one) for one in (states, lost))
+    assert bad.fitted.losses[2] > good.fitted.losses[2] + 100
+    mended = from_other(bad, good, 2)
+    assert (mended.fitted.losses < good.fitted.losses + 2.5).all()
+    assert (mended.held_losses() < good.held_losses() + 2.5).all()
+    assert from_other(good, bad, 2).fitted.losses.sum() <= good.fitted.losses.sum() + 1e-9
 
 
 @pytest.mark.slow

@@ -16,10 +16,11 @@ from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on, split
 from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.by_windows import ByWindows
-from sysid.selection.formula import SparseFormula, shape_candidates
+from sysid.selection.formula import SparseFormula
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
 from sysid.selection.search import Found, next_cause, outdoes, search, without_needless
+from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import candidate
 from sysid.selection.terms import library
 from tests.truth.__main__ import main as generate

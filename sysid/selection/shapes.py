@@ -1,0 +1,65 @@
+"""Which shape a function has: all that it may have, scored beside a fit.
+
+In: families of shapes (terms.py), and scores. Out: the likeliest of each, and where its steps lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+
+import numpy as np
+
+from sysid.selection.free_forms import Cause, cause_of, mean_odds, usual_values
+from sysid.selection.score import Scores
+from sysid.selection.signatures import Candidate, candidate
+from sysid.selection.terms import Shape, around, effect_from_terms
+
+PLACED = 0.1  # log odds by which another place is likelier, beyond rounding
+
+
+def likeliest(
+    families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
+) -> list[tuple[Shape, Cause]]:
+    """The likeliest place or scale of each family of shapes, and it as a cause; the likeliest family first."""
+    terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
+    scores = score(shape_candidates([(term,) for term in terms]))
+    usual, name_of = usual_values(scores), {term: f"shape{k}" for k, term in enumerate(terms)}
+    odds = {
+        shape: cause_of(scores, usual, [name_of[term] for term in shape]) for family in families for shape in family
+    }
+
+    def likeliness(family: Sequence[Shape]) -> float:
+        return float(mean_odds(np.array([odds[shape].log_odds for shape in family])))
+
+    best = [
+        max(family, key=lambda shape: odds[shape].log_odds) for family in sorted(families, key=likeliness, reverse=True)
+    ]
+    return [(shape, odds[shape]) for shape in best]
+
+
+def placed(shape: Shape, cause: Cause, score: Callable[[Sequence[Candidate]], Scores]) -> tuple[Shape, Cause]:
+    """The shape where its steps and bends are likeliest, between those that were tried; as it is where none is."""
+    every = around(shape)
+    if len(every) < 2:
+        return shape, cause
+    found = dict(likeliest([[one] for one in dict.fromkeys([shape, *every])], score))
+    best = max(found, key=lambda one: found[one].log_odds)
+    return (best, found[best]) if found[best].log_odds > found[shape].log_odds + PLACED else (shape, found[shape])
+
+
+def without(every: Sequence[Shape], have: Collection[str]) -> list[Shape]:
+    """Shapes that have no term of these names."""
+    return [shape for shape in every if not any(term.name in have for term in shape)]
+
+
+def shape_candidates(every: Sequence[Shape]) -> list[Candidate]:
+    """Each of these shapes as a candidate."""
+    return [
+        candidate(effect_from_terms(f"shape{k}", shape, [term.width / 10 for term in shape]))
+        for k, shape in enumerate(every)
+    ]
+
+
+def shape_of(name: str, every: Sequence[Shape]) -> Shape:
+    """The shape that a candidate has."""
+    return every[int(name.removeprefix("shape"))]
