@@ -132,7 +132,7 @@ def _ranges_of_sessions(clips: Sequence[Clip]) -> dict[str, Span]:
         values = sorted({float(getattr(clip.session, name)) for clip in clips})
         if name not in COUNTED and len(values) > 1:
             between = [(a + b) / 2 for a, b in itertools.pairwise(values)]
-            few = between[:: math.ceil(len(between) / MAX_PLACES)]
+            few = between[1:-1][:: math.ceil(len(between) / MAX_PLACES)]  # one clip alone may depart for any reason
             found[name] = Span(values[0], values[-1], tuple(few))
     return found
 

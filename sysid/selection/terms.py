@@ -255,7 +255,8 @@ def shapes(quantity: str, variable: str, low: float, high: float, places: tuple[
     for side in (1.0, -1.0):
         bends = [bend(quantity, variable, place, side) for place in places]
         families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])
-    families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
+    if variable not in DRIFTING:  # a few clips between two steps would be those that depart
+        families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
     if variable in DECAYING:
         decays, least = [decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
