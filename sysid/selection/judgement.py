@@ -134,11 +134,17 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     return Judged(more, tuple(unknowns), odds, alone, seen, held)
 
 
-def judged_where_found(less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold) -> Judged[V]:
-    """The same; held-out shots that speak against what the others say are first searched for where they began."""
+def judged_where_found(
+    less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold, ranked: bool = False
+) -> Judged[V]:
+    """The same; held-out shots that alone decide are first searched for where they began.
+
+    They decide where they speak against what the others are sure of, and if it is `ranked` by what they say, wherever
+    that is much.
+    """
     at = judged(less.beside(more), more, unknowns)
-    against = threshold.is_sure(at) and at.held < -SEPARATED_LOG_ODDS
-    if against and (again := more.renewed().searched()) is not more:
+    decide = not threshold.is_passed(at) or (ranked and at.held < -SEPARATED_LOG_ODDS)
+    if threshold.is_sure(at) and decide and (again := more.renewed().searched()) is not more:
         at = judged(less.beside(again), again, unknowns)
     return at
 

@@ -185,7 +185,8 @@ def explained_by_shape(
     tried = []
     for larger in grown(formula, view.point, seen):
         shape = larger.terms[0 if formula is None else len(formula.terms) :]
-        at = judged_where_found(less, view.with_effect(larger.score()), unknowns_of_terms(shape), threshold)
+        more = view.with_effect(larger.score())
+        at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
         if threshold.is_passed(at):
             tried.append((at, larger, shape))
         elif not tried:  # the likeliest
@@ -195,8 +196,8 @@ def explained_by_shape(
     least = max(one.in_all for one, _, _ in tried) - SEPARATED_LOG_ODDS
     alike = [one for one in tried if one[0].in_all > least]
     at, larger, shape = min(alike, key=lambda one: (len(one[2][0].depends_on), len(one[0].unknowns), -one[0].in_all))
-    more = at.view.renewed()
-    return (more, larger) if rival is None or outdoes(more, shape, rival) else None
+    best = at.view.renewed()
+    return (best, larger) if rival is None or outdoes(best, shape, rival) else None
 
 
 def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
@@ -244,7 +245,7 @@ def without_needless(
 
 
 def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
-    """The fit with another shape in place of each for which one is likelier.
+    """The fit with another shape in place of each for which one is likelier, clearly if it has more terms.
 
     A shape is chosen first where much is missing, and a curve may then fit what is a line; what it misses would look
     like one cause more.
@@ -254,7 +255,8 @@ def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFor
         other = reshaped(formula, group, view.point, partial(view.scores_without, parameters_of(group)))
         if other is not None:
             more, shape = view.with_effect(other.score()), other.groups[-1]
-            if likelier(view, unknowns_of_terms(group), more, unknowns_of_terms(shape)) > 0.0:
+            least = SEPARATED_LOG_ODDS if len(shape) > len(group) else 0.0
+            if likelier(view, unknowns_of_terms(group), more, unknowns_of_terms(shape)) > least:
                 view, formula = more, other
     return view, formula
 
