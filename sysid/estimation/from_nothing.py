@@ -20,7 +20,7 @@ from models.model_file import Model
 from sysid.clips import ClipSet
 from sysid.estimation.chain import Chain, Spread, likely_spread
 from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
-from sysid.estimation.chain_search import found_states, searched_windows, whole_states
+from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.initial_states import shot_losses, shot_scores, with_scatter, within_noise
@@ -36,7 +36,6 @@ LAST_STEPS = 8
 SEED_OF_HALVES = 0
 AGAIN = 1  # search more, from states that are nearly right
 HELD_OUT_STEPS = 4  # of the states of held-out windows at other constants
-LIKELIER = 0.5  # fall of a shot's loss from which other states are taken
 log = logging.getLogger(__name__)
 
 
@@ -148,7 +147,7 @@ def from_other(at: WindowFit, other: WindowFit, steps: int) -> WindowFit:
 def _likelier(chain: Chain, states: Array, others: Array, c: Array) -> Array:
     """States of windows (w, p), or in a shot others, settled, where these are likelier."""
     sd, settled = chain.gap_sd(states), settled_states(chain, others, c, HELD_OUT_STEPS)
-    better = chain.losses(settled, c, sd) < chain.losses(states, c, sd) - LIKELIER
+    better = chain.losses(settled, c, sd) < chain.losses(states, c, sd) - SAME_LOSS
     return np.where(better[chain.windows.shot][:, None], settled, states) if better.any() else states
 
 

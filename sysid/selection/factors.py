@@ -51,7 +51,8 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
     if known is not None:
         return known
     if only := ONLY_PATTERN.fullmatch(factor):
-        return factor_code(quantity, only[3]) if only[1] in SEEN_BY.get(quantity, ()) else None
+        plain = only[1] in SEEN_BY.get(quantity, ()) and not ONLY_PATTERN.fullmatch(only[3])
+        return factor_code(quantity, only[3]) if plain else None
     if (found := BEND_PATTERN.fullmatch(factor)) and (found[1] or found[5]) in SEEN_BY.get(quantity, ()):
         at = float(found[4]) if found[5] else (-1.0 if found[2] == "+" else 1.0) * float(found[3])
         return kinds.BEND, (float(VARIABLES.index(found[1] or found[5])), at, -1.0 if found[5] else 1.0)

@@ -38,7 +38,7 @@ from sysid.selection.free_forms import (
     ranges,
 )
 from sysid.selection.score import Score, Scores
-from sysid.selection.shapes import likeliest, placed, shape_candidates, shape_of, without
+from sysid.selection.shapes import at_likeliest_places, likeliest, shape_candidates, shape_of, without_terms
 from sysid.selection.signatures import Candidate, at_sizes, candidate
 from sysid.selection.terms import (
     DEPENDENCES,
@@ -153,7 +153,7 @@ def look(
     """
     seen, counts, free = _functions(base)
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
-    terms = without([(term,) for term in library(base.model.table, counts, unseen)], names_in(formula))
+    terms = without_terms([(term,) for term in library(base.model.table, counts, unseen)], _names_in(formula))
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
@@ -172,7 +172,7 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     A few shapes of the likeliest function, and one of each that may be as likely: they are scored where a fit without
     them may have bent, so that only fits tell them apart.
 
-    None as well where a function of the order of the clips, a number that each shot has of its own, is as likely as one
+    None either where a function of the order of the clips, a number that each shot has of its own, is as likely as one
     of what balls do: the clips say that the quantity differs between shots, and not by what.
 
     Args:
@@ -191,11 +191,9 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
         if one.block is None:
             rivals.append((shape_of(one.name, terms), one))
             continue
-        families = [
-            family for family in (without(each, names_in(old)) for each in one.block.shapes(looked.seen)) if family
-        ]
-        rivals += likeliest(families, looked.score)[: 1 if k else MAX_RIVALS]
-    rivals = [placed(shape, cause, looked.score) for shape, cause in rivals]
+        if families := _lacking(one.block.shapes(looked.seen), old):
+            rivals += likeliest(families, looked.score)[: 1 if k else MAX_RIVALS]
+    rivals = [at_likeliest_places(shape, cause, looked.score) for shape, cause in rivals]
     rivals = [(shape, cause) for shape, cause in rivals if len(old.terms) + len(shape) <= MAX_TERMS]
     if not rivals:
         return []
@@ -229,8 +227,8 @@ def reshaped(
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):
             own = [term.moved(at[f"{EFFECT_NAME}.{term.place_name}"]) if term.limits else term for term in group]
-            every = [few for one in families if (few := without(one, names_in(old)))]
-            shape, cause = placed(*likeliest([*every, [tuple(own)]], score)[0], score)
+            every = [*_lacking(families, old), [tuple(own)]]
+            shape, cause = at_likeliest_places(*likeliest(every, score)[0], score)
             if shape == tuple(own) or len(old.terms) + len(shape) > MAX_TERMS:
                 return None
             factors = ", ".join(term.factor for term in shape)
@@ -256,9 +254,14 @@ def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tupl
     return tuple(dict.fromkeys(words))
 
 
-def names_in(formula: SparseFormula | None) -> set[str]:
+def _names_in(formula: SparseFormula | None) -> set[str]:
     """Names of its terms."""
     return set() if formula is None else {term.name for term in formula.terms}
+
+
+def _lacking(families: Sequence[Sequence[Shape]], formula: SparseFormula) -> list[list[Shape]]:
+    """Families of the shapes of which a formula has no term yet."""
+    return [few for family in families if (few := without_terms(family, _names_in(formula)))]
 
 
 def _row_of(name: str, scores: Scores) -> Score:
@@ -330,8 +333,10 @@ def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]
         value.insert(middle, 0.0)
         sd.insert(middle, 0.0)
     variable = VARIABLES[int(group[0].constants[0])]
+    name, _, unit = QUANTITY_TEXTS[group[0].quantity].partition(" [")
+    where = "" if group[0].only is None else f" where {group[0].only[0]} == {group[0].only[1]}"
     return {
-        "quantity": QUANTITY_TEXTS[group[0].quantity], "variable": variable,
+        "quantity": f"{name}{where}{unit and f' [{unit}'}", "variable": variable,
         "variable_unit": VARIABLE_UNITS.get(variable, "1"), "at": at, "value": [float(v) for v in value],
         "sd": [float(v) if np.isfinite(v) else None for v in sd],
     }  # fmt: skip

@@ -107,11 +107,11 @@ class Span(NamedTuple):
 
     low: float
     high: float
-    places: tuple[float, ...] = ()  # between the values that there are, where each clip has one
+    places: tuple[float, ...] | None = None  # of steps, between values that clips have; None where each has many
 
 
 def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) -> dict[str, Span]:
-    """Of every variable."""
+    """What clips have seen of every variable."""
     tracks = [ball for clip in clips for ball in clip.balls.values() if len(ball.time) > 1]
     speeds = [np.hypot(*np.diff(ball.xy, axis=0).T) / np.diff(ball.time) for ball in tracks]
     speed = max(float(np.nanquantile(one, FASTEST_QUANTILE)) for one in speeds)
@@ -129,10 +129,11 @@ def _ranges_of_sessions(clips: Sequence[Clip]) -> dict[str, Span]:
     """Of what differs from one clip to another; not of tables and players."""
     found = {}
     for name in SESSION_VARIABLES:
-        values = sorted({float(getattr(clip.session, name)) for clip in clips})
-        if name not in COUNTED and len(values) > 1:
-            between = [(a + b) / 2 for a, b in itertools.pairwise(values)]
-            few = between[1:-1][:: math.ceil(len(between) / MAX_PLACES)]  # one clip alone may depart for any reason
+        values = sorted(float(getattr(clip.session, name)) for clip in clips)
+        if name not in COUNTED and values[-1] > values[0]:
+            # Two clips at least on either side: one alone may depart for any reason.
+            between = [(a + b) / 2 for a, b in itertools.pairwise(values[1:-1]) if b > a]
+            few = between[:: math.ceil(len(between) / MAX_PLACES) or 1]
             found[name] = Span(values[0], values[-1], tuple(few))
     return found
 

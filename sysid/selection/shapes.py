@@ -37,7 +37,9 @@ def likeliest(
     return [(shape, odds[shape]) for shape in best]
 
 
-def placed(shape: Shape, cause: Cause, score: Callable[[Sequence[Candidate]], Scores]) -> tuple[Shape, Cause]:
+def at_likeliest_places(
+    shape: Shape, cause: Cause, score: Callable[[Sequence[Candidate]], Scores]
+) -> tuple[Shape, Cause]:
     """The shape where its steps and bends are likeliest, between those that were tried; as it is where none is."""
     every = around(shape)
     if len(every) < 2:
@@ -47,7 +49,7 @@ def placed(shape: Shape, cause: Cause, score: Callable[[Sequence[Candidate]], Sc
     return (best, found[best]) if found[best].log_odds > found[shape].log_odds + PLACED else (shape, found[shape])
 
 
-def without(every: Sequence[Shape], have: Collection[str]) -> list[Shape]:
+def without_terms(every: Sequence[Shape], have: Collection[str]) -> list[Shape]:
     """Shapes that have no term of these names."""
     return [shape for shape in every if not any(term.name in have for term in shape)]
 

@@ -128,8 +128,8 @@ COUNTED = ("rail", "number", "table", "player")  # of which there are a few, eac
 DRIFTING = tuple(name for name in SESSION_VARIABLES if name not in COUNTED)  # over which a dependence may change
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # of a game of two balls
 DECAYING = ("speed", "slip", "approach", "time", "cloth_age")  # of which a quantity may fade
-FINER_PARTS = 6  # of these, in which a place is looked for again
 PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
+FINER_PARTS = 6  # of one of these parts, between which a place is looked for again
 PLACE_DIGITS = 4
 TOGETHER = (("rail", "along"),)  # of which a quantity may be a function of both
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # in the names of steps of a variable
@@ -186,19 +186,24 @@ def square(quantity: str, variable: str) -> Term:
 def step(quantity: str, variable: str, at: float) -> Term:
     """One beyond a value of the variable."""
     at = round(at, PLACE_DIGITS) + 0.0
-    beyond = f"where {variable} >" if variable in PLACE_VARIABLES else f"{DEPENDENCES[variable]} above"
-    where = f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
+    where = _beyond(quantity, variable, at, 1.0)
     return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
+
+
+def _beyond(quantity: str, variable: str, at: float, side: float) -> str:
+    """Where a quantity changes that does so above a value of the variable (side 1), or below it (-1)."""
+    sign, word = (">", "above") if side > 0 else ("<", "below")
+    beyond = f"where {variable} {sign}" if variable in PLACE_VARIABLES else f"{DEPENDENCES[variable]} {word}"
+    return f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
 
 
 def bend(quantity: str, variable: str, at: float, side: float) -> Term:
     """One that grows beyond a value of the variable: above it for a side of 1, below it for -1."""
     at = round(at, PLACE_DIGITS) + 0.0
-    name, factor, words = "up_from", f"max({variable} {'+' if at < 0 else '-'} {abs(at):g}, 0.0)", "above"
+    name, factor = "up_from", f"max({variable} {'+' if at < 0 else '-'} {abs(at):g}, 0.0)"
     if side < 0:
-        name, factor, words = "down_from", f"max({at:g} - {variable}, 0.0)", "below"
-    where = f"{PLACES[quantity]}, {DEPENDENCES[variable]} {words} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
-    return _term(quantity, f"{variable}_{name}", factor, (variable,), 1.0, where)
+        name, factor = "down_from", f"max({at:g} - {variable}, 0.0)"
+    return _term(quantity, f"{variable}_{name}", factor, (variable,), 1.0, _beyond(quantity, variable, at, side))
 
 
 def only_at(term: Term, counted: str, k: int) -> Term:
@@ -237,17 +242,19 @@ def curve(quantity: str, variable: str, low: float, high: float, intervals: int)
     return tuple(hats)
 
 
-def shapes(quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] = ()) -> list[list[Shape]]:
+def shapes(
+    quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] | None = None
+) -> list[list[Shape]]:
     """Families of shapes of a variable over a range: of each the places or scales that it may have.
 
-    `places` are those of steps and bends; PARTS_OF_RANGE of the range without any.
+    `places` are those of steps and bends; those between PARTS_OF_RANGE of the range if None.
     """
     plain = straight(quantity, variable, 0)
     families: list[list[Shape]] = [[(one,)] for one in plain]
     if variable == "heading":
         return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
     parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
-    places = places or tuple(low + part for part in parts)
+    places = tuple(low + part for part in parts) if places is None else places
     steps = [step(quantity, variable, place) for place in places]
     steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
     second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
@@ -266,7 +273,13 @@ def shapes(quantity: str, variable: str, low: float, high: float, places: tuple[
 
 
 def shapes_at_one(
-    quantity: str, counted: str, count: int, variable: str, low: float, high: float, places: tuple[float, ...] = ()
+    quantity: str,
+    counted: str,
+    count: int,
+    variable: str,
+    low: float,
+    high: float,
+    places: tuple[float, ...] | None = None,
 ) -> list[list[Shape]]:
     """The same at one rail, or for one ball, alone, of each."""
     every = shapes(quantity, variable, low, high, places)

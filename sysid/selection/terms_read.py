@@ -96,10 +96,11 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
     if code is None or quantity not in SEEN_BY:
         return None
     if found := ONLY_PATTERN.fullmatch(factor):
-        counted = f"{found[1]}_{int(found[2])}_"
-        plain = name.replace(counted, "", 1)
+        counted = f"{found[1]}_{int(found[2])}"
+        plain = name.replace(f"{counted}_", "", 1)
         term = _known_terms().get((plain, quantity)) or _read(plain, quantity, found[3])
-        return None if term is None or term.only else only_at(term, found[1], int(found[2]))
+        known = (f"{quantity}_{counted}", quantity) in _known_terms()
+        return only_at(term, found[1], int(found[2])) if known and term is not None else None
     if found := BEND_PATTERN.fullmatch(factor):
         return bend(quantity, found[1] or found[5], *code[1][1:])
     if found := STEP_PATTERN.fullmatch(factor):

@@ -10,13 +10,12 @@ import pytest
 from tests.kills.course import SIGNALS, Course, Tally
 from tests.kills.works import WORKS
 
+SHORT = "campaign"  # the work that is killed in every run of the slow tests
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc"),
 ]
-
-
-SHORT = "campaign"
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != SHORT)) for name in WORKS])
