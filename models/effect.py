@@ -37,6 +37,9 @@ __all__ = [
 ]  # fmt: skip
 
 
+ELSEWHERE = ("forces", "horizon", "strike", "observe", "exposures", "edit")  # hooks that act not at impacts alone
+
+
 def param(default: float, *, off: float | None, unit: str, bounds: tuple[float, float], source: str) -> Any:
     """Declare a parameter: its usual value, the value at which it vanishes, its unit, bounds and source.
 
@@ -74,6 +77,11 @@ class Effect:
     def opens(cls, *hooks: str) -> bool:
         """Whether it uses any of these hooks."""
         return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
+
+    @classmethod
+    def impacts(cls) -> tuple[str, ...] | None:
+        """Kinds of impacts, "ball" and "cushion", at which alone it acts; None where it acts elsewhere as well."""
+        return None if cls.opens(*ELSEWHERE) or not cls.opens("impact") else ("ball", "cushion")
 
     def is_off(self) -> bool:
         """True where every parameter that has an off value stands at it in every simulation."""

@@ -281,6 +281,12 @@ class Formula(Effect):
         )
 
     @classmethod
+    def impacts(cls) -> tuple[str, ...] | None:
+        """Kinds of impacts at which alone it acts."""
+        kinds = {"cushion" if p.door <= CUSHION_MU else "ball" for p in cls.parts}
+        return tuple(sorted(kinds)) if all(p.door in IMPACTS for p in cls.parts) else None
+
+    @classmethod
     def layout(cls) -> Layout:
         """The same for every formula, so that all share the compiled hooks."""
         return TERM_LAYOUT

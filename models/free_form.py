@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from models.compiled import compiled
 from models.effect import Array, BallState, Effect, ImageState, ImpactState, param
-from models.formula import DRAG, HOOK_RANGES, IMAGE_X, IMAGE_Y, SIDE, change, is_met, push, shift
+from models.formula import CUSHION_MU, DRAG, HOOK_RANGES, IMAGE_X, IMAGE_Y, IMPACTS, SIDE, change, is_met, push, shift
 from models.hooks import Layout
 from models.variables import NONE, VARIABLES, of_ball, of_image, of_impact
 
@@ -141,6 +141,11 @@ class FreeForm(Effect):
     def opens(cls, *hooks: str) -> bool:
         """Whether its quantity is on any of these hooks."""
         return any(cls.door in HOOK_RANGES.get(hook, ()) for hook in hooks)
+
+    @classmethod
+    def impacts(cls) -> tuple[str, ...] | None:
+        """Kinds of impacts at which alone it acts."""
+        return None if cls.door not in IMPACTS else ("cushion",) if cls.door <= CUSHION_MU else ("ball",)
 
     @classmethod
     def layout(cls) -> Layout:

@@ -186,6 +186,7 @@ class Beside(NamedTuple):
     chain: Chain  # its constants: those of the fit, then these
     off: Array  # (j,) values at which the effect does nothing
     probe: Array  # (j,) change of each, which is then its unit
+    impacts: tuple[str, ...] | None = None  # "ball", "cushion": where alone the effect acts; None for elsewhere as well
 
 
 def limited_move(at: Array, forward: Array, backward: Array) -> Array:
@@ -204,6 +205,42 @@ def _derivatives(moved: Array, at: Array, steps: Array) -> Array:
     found = moved - at
     found /= steps[:, None, None]
     return np.nan_to_num(found, copy=False)
+
+
+def _meetings(chain: Chain, rows: Array, last: Array, first: int) -> dict[str, Mask]:
+    """In which windows a ball meets another one, or a cushion: where a change of that restitution changes anything.
+
+    `rows` and `last` are residuals and ends, of windows as they are and with each unknown moved; that of the first
+    constant is `first`. Nothing is said of what has a restitution that is not fitted.
+    """
+    found = {}
+    for kind in ("ball", "cushion"):
+        if (name := f"{kind}_impact.restitution") in chain.names:
+            k = first + chain.names.index(name)
+            moved = np.any(np.nan_to_num(rows[k] - rows[0]) != 0.0, axis=-1)
+            found[kind] = moved | np.any(np.nan_to_num(last[k] - last[0]) != 0.0, axis=-1)
+    return found
+
+
+def _played_beside(
+    one: Beside, x: Array, c: Array, which: Index, rows: Array, last: Array, meetings: dict[str, Mask]
+) -> tuple[Array, Array]:
+    """Residuals (j, w, m) and ends (j, w, p) of windows with each parameter of an effect moved.
+
+    Those in which nothing is met where it acts are as they were.
+    """
+    more, some = one.off.size, np.arange(len(which))
+    if one.impacts is not None and all(kind in meetings for kind in one.impacts):
+        some = np.flatnonzero(np.any([meetings[kind] for kind in one.impacts], axis=0))
+    changed, ends = np.tile(rows, (more, 1, 1)), np.tile(last, (more, 1, 1))
+    if some.size:
+        constants = np.hstack([np.tile(c, (more, 1)), one.off + np.diag(one.probe)])
+        r, at_end = one.chain.play(
+            np.tile(x[some], (more, 1)), constants.repeat(len(some), axis=0), np.tile(which[some], more)
+        )
+        changed[:, some, : r.shape[1]] = r.reshape(more, len(some), -1)
+        ends[:, some] = at_end.reshape(more, len(some), -1)
+    return changed, ends
 
 
 def _differences(
@@ -228,6 +265,7 @@ def _differences(
         x, free = states[which], chain.windows.free[which]
         moves = Moves.of(x, c, which, chain.windows.steps, steps_c, free=free)
         rows, last = (moves.laid_out(part) for part in chain.play(moves.x, moves.c, moves.which))
+        meetings = _meetings(chain, rows, last, 1 + p) if beside else {}
         if inside.size:
             back = Moves.of(x, c, which, NO_STEPS, -steps_c)
             for moved, found in zip((rows, last), chain.play(back.x, back.c, back.which), strict=True):
@@ -239,12 +277,9 @@ def _differences(
             derivatives, at = [_derivatives(rows[1:], rows[0], own)], len(last)
             for one in beside:
                 more = one.off.size
-                constants = np.hstack([np.tile(c, (more, 1)), one.off + np.diag(one.probe)])
-                r, last = one.chain.play(
-                    np.tile(x, (more, 1)), constants.repeat(len(which), axis=0), np.tile(which, more)
-                )
-                derivatives.append(_derivatives(r.reshape(more, *rows[0].shape), rows[0], np.sign(one.probe)))
-                ends[at : at + more, which] = last.reshape(more, len(which), -1)
+                changed, last = _played_beside(one, x, c, which, rows[0], ends[0, which], meetings)
+                derivatives.append(_derivatives(changed, rows[0], np.sign(one.probe)))
+                ends[at : at + more, which] = last
                 at += more
             part = from_columns(rows[0], [column for block in derivatives for column in block], CAUCHY_SD)
         normal.loss[which], normal.matrix[which], normal.gradient[which] = part.loss, part.matrix, part.gradient

@@ -133,7 +133,7 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Lineari
         probe = np.clip(off + probe, *one.bounds().T) - off
         keys = tuple(f"{one.name}.{key}" for key in one.keys)
         changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
-        beside.append(Beside(changed, off, probe))
+        beside.append(Beside(changed, off, probe, one.effect.impacts()))
         signatures.append(Signature(one, np.abs(probe), np.zeros((len(off), 0, 0))))
     _, shots = equations(chain, states, c, chain.gap_sd(states), chain.shared.steps_from(c), beside)
     _, information, gradient = reduced(shots)

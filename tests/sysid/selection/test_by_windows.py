@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.effect import Effect
 from models.effects.cue.cue_hop import CueHop
 from models.effects.cue.squirt import Squirt
-from models.model_file import full_model
+from models.free_form import ALONE, Axis, FreeForm
+from models.model_file import catalogue, full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
+from sysid.estimation.chain import Chain
+from sysid.estimation.from_nothing import fit_windows
+from sysid.estimation.split import split
+from sysid.selection.by_windows import linearise_windows
 from sysid.selection.diagnose import diagnose
 from sysid.selection.discover import discover
+from sysid.selection.free_forms import Block, free_candidates
 from sysid.selection.result import DiscoveryResult
+from sysid.selection.signatures import candidate
 from tests.examination.__main__ import chalky_stretch, make
 from tests.truth.__main__ import main as generate
 
@@ -56,6 +65,45 @@ def test_what_the_cue_did_does_not_act_on_a_ball_that_was_on_its_way() -> None:
     cue = CueHop(time_per_speed=0.05), Squirt(per_offset=10.0)
     np.testing.assert_allclose(played(False, *cue), played(False), atol=1e-9)
     assert np.abs(played(True, *cue) - played(True)).max() > 0.005
+
+
+def test_what_acts_at_impacts_alone_is_played_where_there_are_any(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And says the same as where it is played everywhere."""
+    clip_set, _ = made(tmp_path / "set", "--seed", "4", "--clips", "4", "--kind", "roll,cushion,cut", "--seconds", "2")
+    parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
+    at = fit_windows(dataclasses.replace(parts, held_out=None), model)
+    kinds = [Block(q, ("speed" if q == "drag" else "approach",), (Axis.over("approach", 0.0, 2.0, 5), ALONE))
+             for q in ("drag", "cushion_e", "ball_mu")]  # fmt: skip
+    several = [
+        *free_candidates(kinds),
+        candidate(catalogue()["cue_ball_mass"]()),
+        candidate(catalogue()["nose_height"]()),
+    ]
+    assert [one.effect.impacts() for one in several] == [
+        None,
+        ("cushion",),
+        ("ball",),
+        ("ball", "cushion"),
+        ("ball", "cushion"),
+    ]
+    played = list[int]()
+
+    def counted(chain: Chain, states: np.ndarray, c: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        played.append(len(which))
+        return play(chain, states, c, which)
+
+    play = Chain.play
+    monkeypatch.setattr(Chain, "play", counted)
+    few = linearise_windows(at, several)
+    count, played[:] = sum(played), []
+    monkeypatch.setattr(Effect, "impacts", classmethod(lambda cls: None))
+    monkeypatch.setattr(FreeForm, "impacts", classmethod(lambda cls: None))
+    every = linearise_windows(at, several)
+    np.testing.assert_array_equal(few.information, every.information)
+    np.testing.assert_array_equal(few.gradient, every.gradient)
+    assert count < sum(played)
 
 
 @pytest.mark.slow
