@@ -22,7 +22,7 @@ CLOTH_SWEEPS = 2  # over the direction of friction at the cloth within a step
 
 
 @compiled
-def _dragged(q1, q2, w1, w2, longest):  # type: ignore[no-untyped-def]
+def dragged(q1, q2, w1, w2, longest):  # type: ignore[no-untyped-def]
     """The stretch q of a spring that grew by w and slips where it would exceed `longest`: its foot is dragged along q.
 
     The drag acts along the mean of the stretches before and after, to second order; where it is more than those it
@@ -63,7 +63,7 @@ def integrate_compliant(s1, s2, c1, c2, u, e, mu, cloth, k, compliance):  # type
         if force <= 0.0:
             break
         hold = friction_at(mu, math.sqrt(s1 * s1 + s2 * s2)) * force
-        q1, q2 = _dragged(q1, q2, w1, w2, hold * soft / stiffness)
+        q1, q2 = dragged(q1, q2, w1, w2, hold * soft / stiffness)
         f1, f2 = -stiffness / soft * q1, -stiffness / soft * q2
         press = cloth * max(0.0, p0 * force + p1 * f2) * dt
         d1, d2 = c1 + dt * b1 * f1, c2 + dt * (dc * force + b2 * f2)

@@ -16,6 +16,7 @@ from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_SINE, Array
 
 MAX_SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
+NOT_HELD = (False, 0.0, 0.0)
 SETTLED_CHANGE = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
 
 
@@ -39,24 +40,31 @@ def _friction(
 
 @compiled_in_place
 def cushion_step(
-    s: Array, dp: float, law: tuple[float, float, float, float], out: Array, sine: float = NOSE_SINE
-) -> None:
-    """One step of normal impulse dp at the nose, which meets the ball at an elevation of this sine."""
+    s: Array, dp: float, law: tuple[float, float, float, float], out: Array, sine: float = NOSE_SINE, sink: float = 0.0,
+    hold: tuple[bool, float, float] = NOT_HELD,
+) -> None:  # fmt: skip
+    """One step of normal impulse dp at the nose, which meets the ball at an elevation of this sine.
+
+    s[5], out[5]: speed at which the ball goes down, of whose momentum the slate does not return the share `sink`.
+    `hold`: whether the friction at the nose is known, and its impulses along the cushion and up the face.
+    """
     cosine = math.sqrt(1.0 - sine * sine)
     mu, mu_cloth, m, r = law
     k = 5.0 / (2.0 * m * r)
-    nose, bed = (3.5 / m, (2.5 + sine**2) / m), (3.5 / m, 3.5 / m)  # v_z stays zero
+    nose, bed = (3.5 / m, (2.5 + sine**2 + sink * cosine**2) / m), (3.5 / m, 3.5 / m)
     va, vb, wa, wb, wz = s[0], s[1] - dp * cosine / m, s[2], s[3], s[4]
-    x0, y0 = s[0] + r * (wb * sine - wz * cosine), -s[1] * sine + r * wa
+    x0, y0 = s[0] + r * (wb * sine - wz * cosine), -s[1] * sine - s[5] * cosine + r * wa
     c0, d0 = s[0] - r * wb, s[1] + r * wa
-    fx = fy = ga = gb = 0.0
+    fx, fy = hold[1], hold[2]
+    ga = gb = 0.0
     for _ in range(MAX_SWEEPS):
-        x1 = va + ga / m + r * ((wb - k * ga) * sine - wz * cosine)
-        y1 = -(vb + gb / m) * sine + r * (wa + k * gb)
-        fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
+        if not hold[0]:
+            x1 = va + ga / m + r * ((wb - k * ga) * sine - wz * cosine)
+            y1 = -(vb + gb / m) * sine - (s[5] + sink * dp * sine / m) * cosine + r * (wa + k * gb)
+            fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
         c1 = va + fx / m - r * (wb + k * fx * sine)
         d1 = vb - fy * sine / m + r * (wa + k * fy)
-        press = max(0.0, dp * sine - fy * cosine)
+        press = (1.0 - sink) * max(0.0, dp * sine - fy * cosine)
         a, b = ga, gb
         ga, gb = _friction(mu_cloth * press, bed, c0, d0, c1, d1, ga, gb)
         if abs(ga - a) + abs(gb - b) <= SETTLED_CHANGE * dp:
@@ -66,6 +74,7 @@ def cushion_step(
     out[2] = wa + k * (fy + gb)
     out[3] = wb + k * (fx * sine - ga)
     out[4] = wz - k * fx * cosine
+    out[5] = s[5] + sink * (dp * sine - fy * cosine) / m
 
 
 @compiled_in_place

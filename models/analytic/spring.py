@@ -85,11 +85,11 @@ def dampings(cushion: bool, restitution: Array) -> Array:
 
 
 @compiled
-def depth_of(cushion: bool, gap: float, r: float) -> tuple[float, float]:
+def depth_of(cushion: bool, gap: float, r: float, sine: float = NOSE_SINE) -> tuple[float, float]:
     """Depth along the normal, and the normal's horizontal part; a cushion's from the middle of its capsule."""
     if not cushion:
         return -gap, 1.0
     contact_radius = r + NOSE_RADIUS
-    across = contact_radius * NOSE_COSINE + gap
-    apart = np.sqrt(across * across + (contact_radius * NOSE_SINE) ** 2)
+    across = contact_radius * np.sqrt(1.0 - sine * sine) + gap
+    apart = np.sqrt(across * across + (contact_radius * sine) ** 2)
     return contact_radius - apart, across / apart

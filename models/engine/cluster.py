@@ -17,7 +17,7 @@ import numpy as np
 from models import record as rec
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, add_cloth
 from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED, in_mouth
-from models.analytic.increments import ball_step, cushion_step
+from models.analytic.increments import NOT_HELD, ball_step, cushion_step
 from models.analytic.pocket import jaw_gap, outward
 from models.analytic.spring import (
     CALM_TIME_S,
@@ -118,8 +118,13 @@ def _flow(b, i, r, at, own, forces, support, cloth, now, dv):  # type: ignore[no
 
 
 @compiled_in_place
-def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # type: ignore[no-untyped-def]
-    """Add what a normal impulse dp and the friction with it do to the bodies of a contact to their changes dv."""
+def press(  # type: ignore[no-untyped-def]
+    b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work, down=0.0, sink=0.0, hold=NOT_HELD,
+):  # fmt: skip
+    """Add what a normal impulse dp and the friction with it do to the bodies of a contact to their changes dv (n, 5).
+
+    `down`, `sink` and `hold` as in `cushion_step`; returns the speed at which the ball goes down after it.
+    """
     radius = work[3, 0]
     cushion = j < 0
     ax, ay, bx, by = (ny, -nx, nx, ny) if cushion else (nx, ny, -ny, nx)
@@ -129,13 +134,16 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
         s[o], s[o + 1] = b[ball, col.VX] * ax + b[ball, col.VY] * ay, b[ball, col.VX] * bx + b[ball, col.VY] * by
         s[o + 2], s[o + 3] = b[ball, col.WX] * ax + b[ball, col.WY] * ay, b[ball, col.WX] * bx + b[ball, col.WY] * by
         s[o + 4] = b[ball, col.WZ]
+    if cushion:
+        s[5] = down
     own = mass * heavier[i]
     other = own if cushion else mass * heavier[j]
+    part = hold[0], hold[1] / SLIP_PARTS, hold[2] / SLIP_PARTS
     for x in range(10):
         out[x] = s[x]
     for _ in range(SLIP_PARTS):
         if cushion:
-            cushion_step(out, dp / SLIP_PARTS, (mu[0], cloth, own, radius), after, mu[3])
+            cushion_step(out, dp / SLIP_PARTS, (mu[0], cloth, own, radius), after, mu[3], sink, part)
         else:
             ball_step(out, dp / SLIP_PARTS, (mu[0], mu[1], mu[2]), (cloth, own, other, radius), after)
         for x in range(10):
@@ -150,6 +158,7 @@ def _press(b, i, j, nx, ny, dp, mu, cloth, heavier, mass, level, dv, work):  # t
         dv[ball, 2] += wa * ax + wb * bx
         dv[ball, 3] += wa * ay + wb * by
         dv[ball, 4] += out[o + 4] - s[o + 4]
+    return out[5] if cushion else 0.0
 
 
 @compiled_in_place
@@ -306,7 +315,7 @@ def _through(  # type: ignore[no-untyped-def]
             moved = one if cushion else one / (1.0 + heavier[i] / heavier[j])
             dp = SPRING_STEP_S * moved * max(k * pressed + damp * approach * level, 0.0)
             if dp > 0.0:
-                _press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
+                press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
         while begin < times.size and times[begin] <= min(now + SPRING_STEP_S, until):
             part = times[begin] - now
             for i in range(n):

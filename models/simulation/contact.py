@@ -123,9 +123,9 @@ def press(
     `mu` (n, ncontact, 4) as in `ball_step`, then the sine of a nose; `heavier` (n, nball) is each ball's mass over m.
     Force and torque are those that would move a ball of mass m like this.
     """
-    one, two = np.zeros(5), np.zeros(10)
-    one_out, two_out = np.zeros(5), np.zeros(10)
-    one_after, two_after = np.zeros(5), np.zeros(10)
+    one, two = np.zeros(6), np.zeros(10)
+    one_out, two_out = np.zeros(6), np.zeros(10)
+    one_after, two_after = np.zeros(6), np.zeros(10)
     inertia = 0.4 * m * r * r
     for n in range(p.shape[0]):
         for c in range(kind.size):
