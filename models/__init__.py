@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from models.model_file import add_folder as add_effects
     from models.model_file import read_model as load_model
     from models.model_file import write_model as save_model
+    from models.mujoco.world import World
     from models.shot import Ball, Shot, Table, Track
-    from models.simulation.step import World
 
 __all__ = [
     "BadInput", "Ball", "Model", "Shot", "Table", "Track", "World", "add_effects", "catalogue", "full_model",
@@ -36,7 +36,7 @@ __getattr__, __dir__ = lazy(
         "Shot": "models.shot:Shot",
         "Table": "models.shot:Table",
         "Track": "models.shot:Track",
-        "World": "models.simulation.step:World",
+        "World": "models.mujoco.world:World",
         "add_effects": "models.model_file:add_folder",
         "catalogue": "models.model_file:catalogue",
         "full_model": "models.model_file:full_model",

@@ -114,8 +114,6 @@ class Shot:
     velocity: Array  # (nball, 2) [m/s]
     spin: Array  # (nball, 3) [rad/s]
     times: Array  # (n,) [s], increasing, from 0
-    max_step: float = float("inf")  # longest simulation step; constant forces need no limit [s]
-    impact_step: float = 1e-4  # step while native contacts act [s]
     session: Session = UNKNOWN_SESSION
     struck: bool = True  # whether the first ball was struck at t = 0; otherwise it was on its way
     staying: tuple[str, ...] = ()  # balls that are known to be on the table after: no pocket takes them

@@ -23,15 +23,14 @@ import numpy as np
 from models.errors import BadInput
 from models.files import result_folder
 from models.model_file import Model
+from models.mujoco.world import World
 from models.recording.viewer import NO_DISPLAY, display_missing
 from models.shot import Array
-from models.simulation.step import World
 from planner.launcher.stroke import launch
 
 STRIKE_KEY, RESET_KEY = 32, ord("R")  # key codes of GLFW; 32 is the space bar
 FRAME_S = 1 / 60  # time between two frames
 MAX_CATCH_UP_S = 0.1  # simulated time per frame; a longer delay is not made up for
-STEP_S = 2e-3  # longest time step of the simulation
 KEYS_TEXT = (
     "space strikes again from where the balls lie, R puts them back; double-click a ball and drag with ctrl to push it"
 )
@@ -51,12 +50,10 @@ class Setup:
 class ViewedWorld:
     """A world, its MjData, and the stroke that is played there."""
 
-    def __init__(self, model: Model, setup: Setup, timestep: float = STEP_S) -> None:
+    def __init__(self, model: Model, setup: Setup) -> None:
         """Compile the table with its furniture, and place the balls."""
         self.setup = setup
-        self.world = World(
-            model, setup.names, timestep=timestep, jaws=bool(model.table.pockets), furnished=True, marked=True
-        )
+        self.world = World(model, setup.names, jaws=bool(model.table.pockets), furnished=True, marked=True)
         self.velocity, self.spin = launch(np.array([setup.stroke]), setup.elevation, model.ball)
         self.data = mujoco.MjData(self.world.mj_model)
         self.reset()
@@ -93,7 +90,6 @@ def watch(
         sleep: waits [s].
     """
     pressed: queue.SimpleQueue[int] = queue.SimpleQueue()  # the viewer calls from a thread of its own
-    step = session.world.mj_model.opt.timestep
     panels = {"show_left_ui": False, "show_right_ui": False}  # Tab brings them
     with show(session.world.mj_model, session.data, key_callback=pressed.put, **panels) as viewer:
         size = float(np.hypot(session.world.model.table.length, session.world.model.table.width))
@@ -105,12 +101,12 @@ def watch(
         while viewer.is_running():
             now = clock()
             due, last = due + min(pace * (now - last), MAX_CATCH_UP_S), now
-            steps = int(due / step)
             with viewer.lock():
                 while not pressed.empty():
                     session.press(pressed.get())
-                session.world.step(session.data, steps)
-            due -= steps * step
+                until = session.data.time + due
+                session.world.advance(session.data, until)
+            due = until - session.data.time
             viewer.sync()
             sleep(FRAME_S)
 
@@ -159,12 +155,11 @@ def write_frames(
     renderer = offscreen(session.world.mj_model, size)
     result_folder(folder)
     world, data, written = session.world, session.data, []
-    parts = int(np.ceil(1.0 / (fps * STEP_S) - 1e-9))
-    world.mj_model.opt.timestep = 1.0 / (fps * parts)
     session.strike()
+    begin = data.time
     with renderer:
         for number in range(count):
-            world.step(data, parts if number else 0)
+            world.advance(data, begin + number / fps)
             renderer.update_scene(data, camera)
             written.append(folder / f"{number + 1:04d}.png")
             write_png(np.array(renderer.render()), written[-1])

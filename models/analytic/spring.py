@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from models.compiled import compiled, compiled_in_place
-from models.shot import NOSE_COSINE, NOSE_SINE, Array
+from models.shot import NOSE_SINE, Array
 
 SPRING_STEP_S = 4e-6  # [s]
 BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns

@@ -145,19 +145,6 @@ def is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths):  # type
     return False
 
 
-@compiled
-def crowded(
-    cushion: bool, hit: NDArray[np.int64], p: Array, kind: NDArray[np.int64], near: Array, radius: float,
-    limits: Array, half: Array, mouths: Array,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """`is_crowded` of many simulations: rows of `hit` are kind, ball, and other ball or rail; near (n,) [m]."""
-    found = np.zeros(hit.shape[0], np.bool_)
-    for n in range(hit.shape[0]):
-        j = -1 if cushion else hit[n, 2]
-        found[n] = is_crowded(p[n], kind[n], hit[n, 1], j, hit[n, 2], near[n], radius, limits, half, mouths)
-    return found
-
-
 @compiled_in_place
 def part(b, i, j, rail, jaws, radius, limits):  # type: ignore[no-untyped-def]
     """Put bodies that overlap back to where they touch: balls i and j of b, or ball i and a rail or jaw (j < 0)."""
@@ -179,10 +166,3 @@ def part(b, i, j, rail, jaws, radius, limits):  # type: ignore[no-untyped-def]
         d = math.sqrt(x * x + y * y)
         more = max(jaws[rail - 4, 2] - d, 0.0) / d
         b[i, 0], b[i, 1] = b[i, 0] - more * x, b[i, 1] - more * y
-
-
-@compiled_in_place
-def part_rows(cushion: bool, hit: NDArray[np.int64], p: Array, radius: float, limits: Array, jaws: Array) -> None:
-    """`part` of many simulations: rows of `hit` are kind, ball, and other ball or rail."""
-    for n in range(hit.shape[0]):
-        part(p[n], hit[n, 1], -1 if cushion else hit[n, 2], hit[n, 2], jaws, radius, limits)

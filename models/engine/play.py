@@ -103,17 +103,19 @@ def lacking(model: Model) -> str:
     return f"{', '.join(edits)} edits the MJCF" if edits else ""
 
 
-def lay_out(model: Model, count: int, jaws: bool = False) -> Game:
+def lay_out(model: Model, count: int, jaws: bool = False, *, native: bool = False) -> Game:
     """A model for `count` shots; its parameters are numbers or (count,) arrays.
+
+    `native`: whether it may lack effects for cloth and impacts, for which MuJoCo's own terms stand.
 
     Raises:
         ValueError: for a model that the engine does not play, and for tables of several sizes with jaws.
     """
-    if why := lacking(model):
+    if not native and (why := lacking(model)):
         raise ValueError(f"the event engine does not play this model: {why}")
     stack = model.stack()[1:]
-    cloth = next(e for e in stack if e.slot == "cloth")
-    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k), float), (count,)) for k in CLOTH_CONSTANTS])
+    cloth = next((e for e in stack if e.slot == "cloth"), None)
+    laws = np.stack([np.broadcast_to(np.asarray(getattr(cloth, k, 0.0), float), (count,)) for k in CLOTH_CONSTANTS])
     sizes = np.empty((count, len(SIZE_NAMES)))
     for k, name in enumerate(SIZE_NAMES):
         sizes[:, k] = model.sizes.get(name, stated_size(name, model.table, model.ball))

@@ -7,15 +7,12 @@ slowly, with what lies against it, and the cloth takes that work up at once.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from models.analytic.events import INSIDE_M
-from models.compiled import compiled, compiled_in_place
+from models.compiled import compiled_in_place
 from models.engine.cluster import rail_gap
 from models.engine.motion import REST
 from models.engine.rigid import part_all
-from models.shot import GRAVITY, Array
+from models.shot import GRAVITY
 
 MAX_RAIL_DEPTH = (
     0.75  # of a ball's centre in a rail, over the radius: a centre that passes the nose line is in a pocket
@@ -47,16 +44,6 @@ def delay_rebound(p, v, rail, time, slide, radius, half, mouths):  # type: ignor
 
 
 @compiled_in_place
-def delay_rebounds(
-    hit: NDArray[np.int64], p: Array, v: Array, time: Array, slide: Array, radius: float, half: Array, mouths: Array
-) -> None:
-    """`delay_rebound` after cushions of many simulations: rows of `hit` are kind, ball, and rail or 4 + jaw."""
-    for n in range(hit.shape[0]):
-        i = hit[n, 1]
-        delay_rebound(p[n, i], v[n, i], hit[n, 2], time[n], slide[n], radius, half, mouths)
-
-
-@compiled_in_place
 def stopped_in_rail(b, kind, moved, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
     """The first ball of those that have `moved` (n,) that has come to rest in a rail, or -1."""
     for i in range(b.shape[0]):
@@ -73,18 +60,3 @@ def push_out(b, kind, i, touched, jaws, radius, limits, half, mouths):  # type: 
     for q in range(b.shape[0]):
         touched[q] = q == i
     part_all(b, kind, touched, jaws, radius, limits, half, mouths)
-
-
-@compiled
-def push_out_rows(
-    moved: NDArray[np.bool_], kind: NDArray[np.int64], p: Array, jaws: Array, radius: float, limits: Array, half: Array,
-    mouths: Array,
-) -> None:  # fmt: skip
-    """`push_out` for what has come to rest in many simulations: `moved`, `kind` (n, nball), `p` (n, nball, 3)."""
-    touched = np.zeros(p.shape[1], np.bool_)
-    for s in range(p.shape[0]):
-        for _ in range(p.shape[1]):
-            i = stopped_in_rail(p[s], kind[s], moved[s], jaws, limits, half, mouths)
-            if i < 0:
-                break
-            push_out(p[s], kind[s], i, touched, jaws, radius, limits, half, mouths)

@@ -54,7 +54,7 @@ def _pointer(start: int, array: NDArray[Any]) -> int:
 
 
 def _count(model: Any, data: Any, before: int) -> int:
-    """Offset of `ncon`: an int that is 6, 4 and 2 where 3, 2 and 1 balls touch two planes; it stands before the offset `before`."""
+    """Offset of `ncon`, below `before`: an int that is 6, 4 and 2 where 3, 2 and 1 balls touch two planes."""
     found: set[int] | None = None
     for raised in range(3):  # without a reset: the most contacts that there have been stay the same
         data.qpos.reshape(-1, 7)[:raised, 2] = 1.0

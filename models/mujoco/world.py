@@ -5,116 +5,77 @@
     world.strike(data, velocity=(2.0, 0.1))
     mujoco.mj_step(world.mj_model, data)
 
-Making a world installs the callback of models/mujoco/forces.py as MuJoCo's `mjcb_passive`; models that no World has
-made are left alone by it. It writes `opt.timestep`: threads that step at once need a copy of the model each.
+Making a world installs the callback of models/mujoco/forces.py as MuJoCo's `mjcb_passive`, which leaves models alone
+that no world has made. Where a model has no effect for cloth, balls or cushions, MuJoCo's own contacts with the native
+terms of the MJCF act there. The callback writes `opt.timestep`: threads that step at once need a copy of the model
+each, as `mujoco.batch` makes them.
 """
 
 from __future__ import annotations
 
+import ctypes
 import secrets
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import ctypes
 import mujoco
 import numba
 import numpy as np
 from numba import types
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from models.analytic.pocket import JAW_RAILS
+from models import record as rec
 from models.analytic.spring import NOSE_RADIUS, damping_table
 from models.engine.impacts import ask_rows, strike_rows
-from models.engine.play import lacking, lay_out
-from models import record as rec
+from models.engine.play import lay_out
 from models.errors import BadInput
 from models.mjcf.world import build_spec
-from models.model_file import Model
-from models.mujoco import forces as f
 from models.mujoco import layout
-from models.shot import NOSE_COSINE, NOSE_SINE, RAIL_NAMES, UNKNOWN_SESSION, Array, Session
+from models.mujoco import memory as mem
+from models.mujoco.forces import NEAR_M, act
+from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, UNKNOWN_SESSION, Array, Session
 
-STEP_S: Final = 1e-3  # unless said otherwise [s]
-NET_DEPTH_M: Final = 0.2  # below the slate, at which a net holds a ball [m]
-NUMERIC: Final = "cuelab"  # the field of a model that says which world it is
-POST_HALF_HEIGHT: Final = 0.05  # of what stands for a jaw's arc [m]
-LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999
-STATE_SPEC: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-TOKEN: Final = secrets.randbits(50) + 1.0  # of this process: addresses mean nothing to another
-_kept: list[Any] = []  # what compiled code points to, and models may outlive their World
+if TYPE_CHECKING:
+    from models.analytic.pocket import Pockets
+    from models.hooks import Hooks
+    from models.model_file import Model
+
+STEP_S: Final = 1e-3  # the longest, unless said otherwise [s]
+NET_DEPTH_M: Final = 1.0  # below the slate, at which balls out of play hang: under the floor of a furnished table [m]
+STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] that are none: rounding, and what a stiff slate leaves
+WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
+POST_HALF_HEIGHT_M: Final = 0.05  # of what stands for the arc of a jaw [m]
+LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # of contacts whose force the callback gives, and of the slate
+SLATE_TIME_S: Final = 0.004  # in which the slate lifts what has sunk into it [s]
+PROCESS: Final = secrets.randbits(50) + 1.0  # addresses mean nothing to another process
+BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
+_kept: list[Any] = []  # what compiled code points to: models may outlive their World
 
 
 @cache
 def _install() -> None:
     """Make the callback and hand it to MuJoCo, once."""
     offsets = layout.offsets()
-    where, numeric, token, act = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), TOKEN, f.act
-    _kept.append(offsets)
-    doubles, longs = f._pointer, f._long_pointer
+    where, numeric, process, go = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), PROCESS, act
+    doubles, longs = mem.doubles, mem.longs
 
-    @numba.cfunc(types.void(types.int64, types.int64), nopython=True)  # type: ignore[untyped-decorator]
+    @numba.cfunc(types.void(types.int64, types.int64))
     def passive(model, data):  # type: ignore[no-untyped-def]
-        found = numba.carray(longs(model + numeric), 1)[0]
-        if found != 0 and numba.carray(doubles(found), 2)[0] == token:
-            act(model, data, where, numba.carray(longs(found), 2)[1])
+        field = longs(model + numeric)[0]
+        if field != 0 and doubles(field)[0] == process:
+            go(model, data, where, longs(field)[1])
 
-    _kept.append(passive)
+    _kept.extend((offsets, passive))
     mujoco.set_mjcb_passive(ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address))
-
-
-def _noses(spec: Any, model: Model, pockets: Any, mouths: Array) -> list[tuple[str, int, int]]:
-    """Add what balls meet besides the slate and each other: name, kind, and number of rail or 4 + jaw."""
-    table, radius = model.table, model.ball.radius
-    lx, ly = table.length / 2, table.width / 2
-    height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
-    corner, middle = (float(mouths[0]), float(mouths[1])) if table.pockets else (0.0, 0.0)
-    found: list[tuple[str, int, int]] = []
-
-    def nose(rail: int, start: Sequence[float], end: Sequence[float], outward: Sequence[float]) -> None:
-        shift = NOSE_RADIUS * NOSE_COSINE * np.asarray(outward)
-        ends = [np.append(np.asarray(p, float) + shift, height) for p in (start, end)]
-        name = f"nose {len(found)}"
-        spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[NOSE_RADIUS, 0, 0],
-                                fromto=np.concatenate(ends), group=4, contype=0, conaffinity=0)  # fmt: skip
-        found.append((name, f.NOSE, rail))
-
-    for k, sign in ((0, 1.0), (1, -1.0)):
-        nose(k, (sign * lx, corner - ly), (sign * lx, ly - corner), (sign, 0.0))
-    for k, sign in ((2, 1.0), (3, -1.0)):
-        pieces = ((corner - lx, -middle), (middle, lx - corner)) if table.pockets else ((-lx, lx),)
-        for a, b in pieces:
-            nose(k, (a, sign * ly), (b, sign * ly), (0.0, sign))
-    near = radius * NOSE_COSINE
-    for number, jaw in enumerate(pockets.jaws):
-        x, y, size, *normal = jaw
-        rail = 4 + number
-        if normal[0] or normal[1]:
-            if size > 0.0:
-                out, along = np.array(normal), np.array([-normal[1], normal[0]])
-                middle_at = np.array([x, y]) + near * out
-                nose(rail, middle_at - size * along, middle_at + size * along, normal)
-            continue
-        name = f"jaw {number}"
-        if size > radius:
-            spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-                                    size=[size - radius, POST_HALF_HEIGHT, 0], pos=[x, y, radius], group=4,
-                                    contype=0, conaffinity=0)  # fmt: skip
-            found.append((name, f.POST, rail))
-        else:
-            rise = float(np.sqrt((radius + NOSE_RADIUS) ** 2 - size**2))
-            spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[NOSE_RADIUS, 0, 0],
-                                    pos=[x, y, radius + rise], group=4, contype=0, conaffinity=0)  # fmt: skip
-            found.append((name, f.NOSE, rail))
-    return found
 
 
 class World:
     """One table with its balls, compiled; the struck ball is the first."""
 
     def __init__(
-        self, model: Model, names: Sequence[str], *, timestep: float = STEP_S, jaws: bool = True,
-        furnished: bool = False, rows: int = 1,
+        self, model: Model, names: Sequence[str], *, timestep: float = STEP_S, jaws: bool = False,
+        furnished: bool = False, marked: bool = False, rows: int = 1,
     ) -> None:  # fmt: skip
         """Compile the table, a free joint for each ball, and install the callback.
 
@@ -124,100 +85,121 @@ class World:
             timestep: the longest step [s].
             jaws: whether pockets have jaws and an edge, as in models/simulation/simulate.py.
             furnished: with what is only seen.
-            rows: how many sets of parameters there are, see `set_row`.
-
-        Raises:
-            BadInput: for a model whose cloth or impacts are left to MuJoCo's own terms.
+            marked: with a band about each ball, which shows it rolling.
+            rows: how many sets of parameters there are; `strike` chooses one.
         """
-        if why := lacking(model):
-            raise BadInput(f"this model cannot be stepped: {why}; add decoupled_cloth, ball_impact, cushion_impact")
         self.model = model = model.as_played()
-        self.names = tuple(names)
-        self._game = game = lay_out(model, rows, jaws)
-        n, ball, pockets = len(self.names), model.ball, game.pockets
-        spec = build_spec(model.table, ball, self.names, (), furnished=furnished)
-        noses = self._edit(spec, pockets)
-        rails = 4 + len(pockets.jaws)
-        spec.option.timestep = timestep
-        spec.nuserdata = f.memory_size(n, rails)
-        masses = self._masses()
-        for name, mass in zip(self.names, masses, strict=True):
-            body = spec.body(name)
-            body.mass, body.inertia = mass, [0.4 * mass * ball.radius**2] * 3
-        numbers = np.array([ball.radius, timestep, *game.half[0], NET_DEPTH_M])
-        table = np.zeros(f.TABLE_SIZE, np.int64)
-        spec.add_numeric(name=NUMERIC, data=[0.0, 0.0])  # nothing yet: compiling steps, too
-        self.mj_model: mujoco.MjModel = spec.compile()
-        at = np.array([table.ctypes.data], np.int64)
-        self.mj_model.numeric_data[:2] = TOKEN, at.view(np.float64)[0]
-        joints = np.array([(self.mj_model.joint(x).qposadr[0], self.mj_model.joint(x).dofadr[0]) for x in self.names])
-        joints = np.ascontiguousarray(joints, np.int64)
-        geoms = np.full((self.mj_model.ngeom, 2), -1 - f.TOOL, np.int64)
-        for number, name in enumerate(self.names):
-            geoms[self.mj_model.geom(f"ball {name}").id] = number, 0
-        geoms[self.mj_model.geom("slate").id] = -1 - f.SLATE, 0
-        for name, kind, rail in noses:
-            geoms[self.mj_model.geom(name).id] = -1 - kind, rail
-        hooks = game.hooks
-        own = np.ascontiguousarray(hooks.own) if hooks.own.shape[1] else np.zeros((rows, 1))
-        damping, holes = damping_table(), self._holes(pockets)
-        forces, horizon, impact = (np.ascontiguousarray(x, np.int64) for x in (hooks.forces, hooks.horizon, hooks.impact))
-        cloth = np.ascontiguousarray(game.cloth)
-        for key, value in (
-            (f.BALLS, n), (f.OWN, own.ctypes.data), (f.OWN_BYTES, own.strides[0]), (f.CLOTH, cloth.ctypes.data),
-            (f.FORCES, forces.ctypes.data), (f.FORCE_COUNT, len(forces)), (f.SUPPORT, hooks.support),
-            (f.HORIZON, horizon.ctypes.data), (f.HORIZON_COUNT, len(horizon)), (f.IMPACT, impact.ctypes.data),
-            (f.IMPACT_COUNT, len(impact)), (f.DAMPING, damping.ctypes.data), (f.DAMPING_COUNT, damping.shape[1]),
-            (f.GEOMS, geoms.ctypes.data), (f.GEOM_COUNT, len(geoms)), (f.HOLES, holes.ctypes.data),
-            (f.HOLE_COUNT, int(np.isfinite(holes[:, 2]).sum())), (f.JOINTS, joints.ctypes.data),
-            (f.MASSES, masses.ctypes.data), (f.NUMBERS, numbers.ctypes.data), (f.RAILS, rails),
-        ):  # fmt: skip
-            table[key] = value
-        _kept.append((table, own, cloth, forces, horizon, impact, damping, geoms, holes, joints, masses, numbers))
-        self._joints, self.masses = joints, masses
-        _install()
+        self.names, self.rows = tuple(names), rows
+        self._game = game = lay_out(model, rows, jaws, native=True)
+        effects = model.stack()
+        cloth = any(e.slot == "cloth" for e in effects)
+        resolved = {e.resolves for e in effects}
+        native = mem.NATIVE_CLOTH, mem.NATIVE_BALLS, mem.NATIVE_CUSHIONS
+        self._native = dict(zip(native, (not cloth, "ball" not in resolved, "cushion" not in resolved), strict=True))
+        self.spec = self._spec(effects, timestep, furnished, marked, game.pockets)
+        self.masses = self._masses()
+        for name, mass in zip(self.names, self.masses, strict=True):
+            body = self.spec.body(name)
+            body.mass, body.inertia = mass, [0.4 * mass * model.ball.radius**2] * 3
+        self.mj_model: mujoco.MjModel = self.spec.compile()
+        self._connect(timestep)
 
-    def _masses(self) -> Array:
-        """Of the balls, as the effects of impacts have them: (n,) [kg]."""
-        n, radius = len(self.names), self.model.ball.radius
-        out, game = np.ones(n), self._game
-        if n > 1:
-            first, second = np.arange(n), np.roll(np.arange(n), -1)
-            p = np.zeros((n, n, 3))
-            p[:, :, 0] = 2 * radius * np.arange(n)
-            hit = np.zeros((n, rec.IMPACT_FIELDS))
-            ask_rows(
-                False, p, np.zeros((n, n, 3)), np.zeros((n, n, 3)), first, second, game.pockets.jaws, radius,
-                np.zeros((n, 6)), np.zeros(n), game.hooks.own, np.zeros(n, np.int64), game.hooks.impact, hit,
-            )  # fmt: skip
-            out = hit[:, rec.MASS_FIRST].copy()
-        return np.ascontiguousarray(out * self.model.ball.mass)
-
-    def _holes(self, pockets: Any) -> Array:
-        """Where the slate ends: circles (k, 3); a radius below 0 says all beyond the nose lines, inf none."""
-        if len(pockets.falls):
-            return np.ascontiguousarray(pockets.falls)
-        return np.array([[0.0, 0.0, -1.0 if self.model.table.pockets else np.inf]])
-
-    def _edit(self, spec: Any, pockets: Any) -> list[tuple[str, int, int]]:
-        """Replace what balls touch by a slate and noses of the low impedance that leaves forces to the callback."""
-        for pair in list(spec.pairs):
-            spec.delete(pair)
+    def _spec(
+        self, effects: Sequence[Any], timestep: float, furnished: bool, marked: bool, pockets: Pockets
+    ) -> mujoco.MjSpec:
+        """The MJCF: slate and noses in place of what the plain table has, unless their terms are native."""
+        table, ball = self.model.table, self.model.ball
+        spec = build_spec(table, ball, self.names, (), furnished=furnished)
+        editors = [e for e in effects if e.opens("edit")]
         for geom in list(spec.geoms):
             if geom.name.startswith("cushion "):
                 spec.delete(geom)
-        spec.worldbody.add_geom(name="slate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4, contype=0,
-                                conaffinity=0)  # fmt: skip
-        noses = _noses(spec, self.model, pockets, pockets.ends)
-        soft, hard = ([x, x, 0.001, 0.5, 2.0] for x in (LOW_IMPEDANCE, HIGH_IMPEDANCE))
+        for pair in list(spec.pairs):
+            spec.delete(pair)
+        spec.worldbody.add_geom(name="slate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4)
+        self._noses = noses = _add_noses(spec, table.length / 2, table.width / 2, ball.radius, pockets)
+        soft = [LOW_IMPEDANCE, LOW_IMPEDANCE, 0.001, 0.5, 2.0]
         for number, name in enumerate(self.names):
-            ball = f"ball {name}"
-            spec.add_pair(geomname1=ball, geomname2="slate", condim=1, solref=[0.004, 1.0], solimp=hard)
-            others = [f"ball {x}" for x in self.names[number + 1 :]] + [x for x, _, _ in noses]
-            for other in others:
-                spec.add_pair(geomname1=ball, geomname2=other, condim=1, solimp=soft, margin=0.0, gap=f.NEAR_M)
-        spec.option.iterations, spec.option.tolerance = 50, 1e-12
-        return noses
+            one = f"ball {name}"
+            spec.geom(one).contype = spec.geom(one).conaffinity = 2  # for what a user adds with these bits
+            self._pair(spec, "ball_bed", one, "slate", [HIGH_IMPEDANCE, HIGH_IMPEDANCE, 0.001, 0.5, 2.0])
+            for other in self.names[number + 1 :]:
+                self._pair(spec, "ball_ball", one, f"ball {other}", soft)
+            for nose, _, _ in noses:
+                self._pair(spec, "ball_cushion", one, nose, soft)
+        for effect in editors:
+            effect.edit(spec)
+        if marked:
+            _mark(spec, self.names, ball.radius)
+        spec.option.timestep = timestep
+        spec.nuserdata = mem.memory_size(len(self.names), 4 + len(pockets.jaws))
+        spec.add_numeric(name=WORLD_FIELD, data=[0.0, 0.0])  # nothing yet: compiling steps, too
+        return spec
+
+    def _pair(self, spec: mujoco.MjSpec, kind: str, one: str, other: str, impedance: list[float]) -> None:
+        pair = spec.add_pair(spec.find_default(kind), geomname1=one, geomname2=other)
+        key = {"ball_bed": mem.NATIVE_CLOTH, "ball_ball": mem.NATIVE_BALLS, "ball_cushion": mem.NATIVE_CUSHIONS}[kind]
+        if not self._native[key]:
+            pair.condim, pair.solimp, pair.solref = 1, impedance, [SLATE_TIME_S, 1.0]
+        if kind != "ball_bed":
+            pair.gap = NEAR_M
+
+    def _masses(self) -> Array:
+        """Of the balls, as the effects of impacts have them: (n,) [kg]."""
+        n, radius, game = len(self.names), self.model.ball.radius, self._game
+        factor = np.ones(n)
+        if n > 1 and not self._native[mem.NATIVE_BALLS]:
+            first, second, place = np.arange(n), np.roll(np.arange(n), -1), np.zeros((n, n, 3))
+            place[:, :, 0] = 2 * radius * np.arange(n)
+            still, hit = np.zeros((n, n, 3)), np.zeros((n, rec.IMPACT_FIELDS))
+            ask_rows(
+                False, place, still, still, first, second, game.pockets.jaws, radius, np.zeros((n, SESSION_FIELDS)),
+                np.zeros(n), game.hooks.own, np.zeros(n, np.int64), game.hooks.impact, hit,
+            )  # fmt: skip
+            factor = hit[:, rec.MASS_FIRST]
+        return np.asarray(factor * self.model.ball.mass)
+
+    def _connect(self, timestep: float) -> None:
+        """Lay out what the callback reads, and lead the model to it."""
+        game, compiled_model, ball = self._game, self.mj_model, self.model.ball
+        hooks, pockets, table_sizes = game.hooks, game.pockets, self.model.table
+        joints = [compiled_model.joint(name) for name in self.names]
+        self._joints = np.array([(j.qposadr[0], j.dofadr[0]) for j in joints], np.int64)
+        geoms = np.full((compiled_model.ngeom, 2), -1 - mem.TOOL, np.int64)
+        for number, name in enumerate(self.names):
+            geoms[compiled_model.geom(f"ball {name}").id] = number, 0
+        geoms[compiled_model.geom("slate").id] = -1 - mem.SLATE, 0
+        for name, kind, rail in self._noses:
+            geoms[compiled_model.geom(name).id] = -1 - kind, rail
+        jaws = bool(len(pockets.jaws))
+        mouths = [0.0, 0.0] if jaws or not table_sizes.pockets else table_sizes.mouths()[:2]
+        holes = np.ascontiguousarray(pockets.falls) if jaws else np.array([[0.0, 0.0, -1.0]])
+        arrays: dict[int, Any] = {
+            mem.OWN: game.hooks.own if hooks.own.size else np.zeros((self.rows, 1)), mem.CLOTH: game.cloth,
+            mem.FORCES: hooks.forces, mem.IMPACT: hooks.impact, mem.DAMPING: damping_table(), mem.GEOMS: geoms,
+            mem.HOLES: holes, mem.JOINTS: self._joints, mem.MASSES: self.masses,
+            mem.NUMBERS: np.array([ball.radius, timestep, *game.half[0], *mouths, NET_DEPTH_M]),
+        }  # fmt: skip
+        arrays = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
+        table = np.zeros(mem.TABLE_SIZE, np.int64)
+        for key, value in arrays.items():
+            table[key] = value.ctypes.data
+        for key, count in (
+            (mem.BALLS, len(self.names)), (mem.RAILS, 4 + len(pockets.jaws)),
+            (mem.OWN_BYTES, arrays[mem.OWN].strides[0]),
+            (mem.FORCE_COUNT, len(hooks.forces)), (mem.SUPPORT, hooks.support), (mem.IMPACT_COUNT, len(hooks.impact)),
+            (mem.DAMPING_COUNT, damping_table().shape[1]), (mem.HOLE_COUNT, len(holes) if table_sizes.pockets else 0),
+            *((key, int(value)) for key, value in self._native.items()),
+        ):  # fmt: skip
+            table[key] = count
+        _kept.append((arrays, table))
+        _install()
+        compiled_model.numeric_data[:2] = PROCESS, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
+
+    @property
+    def hooks(self) -> Hooks:
+        """The effects, ready to be called."""
+        return self._game.hooks
 
     def place(self, places: Mapping[str, ArrayLike], data: Any = None) -> mujoco.MjData:
         """Balls at rest at these places (2,) [m], at time 0; those without a place are out of play.
@@ -230,10 +212,10 @@ class World:
         if data is None:
             data = mujoco.MjData(self.mj_model)
         mujoco.mj_resetData(self.mj_model, data)
+        radius = self.model.ball.radius
         for number, (name, (at, _)) in enumerate(zip(self.names, self._joints, strict=True)):
-            stand = [0.0, 0.0, -NET_DEPTH_M - 4.0 * number * self.model.ball.radius]
-            here = [*np.asarray(places[name], float), self.model.ball.radius] if name in places else stand
-            data.qpos[at : at + 3] = here
+            hangs = [0.0, 0.0, -NET_DEPTH_M - 4.0 * radius * number]
+            data.qpos[at : at + 3] = [*np.asarray(places[name], float), radius] if name in places else hangs
         mujoco.mj_forward(self.mj_model, data)
         return data
 
@@ -243,36 +225,97 @@ class World:
     ) -> None:  # fmt: skip
         """Strike the first ball now: velocity (2,) [m/s] and spin (3,) [rad/s], on which the effects of strokes act.
 
-        `session` is when and under what the shot is played. All balls begin to count their turns anew.
+        `session` is when and under what the shot is played, `row` the set of parameters. All balls begin to count their
+        turns anew.
         """
         data = getattr(data, "ptr", data)
         v, w = np.zeros((1, 1, 2)), np.zeros((1, 1, 3))
         v[0, 0], w[0, 0] = velocity, spin
         if not (np.isfinite(v).all() and np.isfinite(w).all()):
             raise ValueError(f"velocity {v[0, 0]}, spin {w[0, 0]}: give finite numbers")
-        game, (at, to) = self._game, self._joints[0]
-        own = np.ascontiguousarray(game.hooks.own[row : row + 1])
-        strike_rows(own, game.hooks.strike, game.radius[0], game.mass, np.ones(1, np.bool_), v, w)
+        hooks, (at, to) = self._game.hooks, self._joints[0]
+        own = np.ascontiguousarray(hooks.own[row : row + 1])
+        strike_rows(own, hooks.strike, self.model.ball.radius, self.model.ball.mass, np.ones(1, np.bool_), v, w)
         local = np.zeros(3)
         mujoco.mju_rotVecQuat(local, w[0, 0], data.qpos[at + 3 : at + 7] * [1.0, -1.0, -1.0, -1.0])
         data.qvel[to : to + 6] = [*v[0, 0], 0.0, *local]
-        kept = data.userdata
-        kept[:] = 0.0
-        kept[f.ROW], kept[f.STRUCK_AT], kept[f.LAUNCH] = row, data.time, float(np.hypot(*v[0, 0]))
-        kept[f.SESSION : f.HEAD] = session.row
-        kept[f.STATE_TIME] = np.nan
+        data.userdata[:] = memory(row, data.time, float(np.hypot(*v[0, 0])), session, len(data.userdata))
         mujoco.mj_forward(self.mj_model, data)
+
+    def advance(self, data: Any, until: float) -> None:
+        """Let MuJoCo step an MjData, or dm_control's, to a time, or up to one step beyond it."""
+        data = getattr(data, "ptr", data)
+        while data.time < until:
+            mujoco.mj_step(self.mj_model, data)
 
     def rests(self, data: Any) -> bool:
         """Whether no ball in play moves or spins."""
         data = getattr(data, "ptr", data)
-        there = set(self.in_play(data))
-        return not any(
-            np.any(np.abs(data.qvel[to : to + 6]) > 1e-4) for name, (_, to) in zip(self.names, self._joints, strict=True)
-            if name in there
-        )
+        there = self.in_play(data)
+        speeds = {n: data.qvel[to : to + 6] for n, (_, to) in zip(self.names, self._joints, strict=True)}
+        return all(np.abs(speeds[name]).max() < STILL for name in there)
 
     def in_play(self, data: Any) -> tuple[str, ...]:
         """Names of the balls that are on the table."""
         data = getattr(data, "ptr", data)
-        return tuple(name for name, (at, _) in zip(self.names, self._joints, strict=True) if data.qpos[at + 2] > 0.0)
+        low = 0.5 * self.model.ball.radius
+        return tuple(n for n, (at, _) in zip(self.names, self._joints, strict=True) if data.qpos[at + 2] > low)
+
+
+def memory(row: int, struck_at: float, launch: float, session: Session, size: int) -> Array:
+    """What a simulation remembers at a strike: (size,)."""
+    kept = np.zeros(size)
+    kept[mem.ROW], kept[mem.STATE_TIME], kept[mem.STRUCK_AT], kept[mem.LAUNCH] = row, np.nan, struck_at, launch
+    kept[mem.SESSION : mem.HEAD] = session.row
+    return kept
+
+
+def _add_noses(
+    spec: mujoco.MjSpec, half_length: float, half_width: float, radius: float, pockets: Pockets
+) -> list[tuple[str, int, int]]:
+    """Add what balls meet at the rails: names, kinds, and numbers of rails, or 4 + those of jaws."""
+    found: list[tuple[str, int, int]] = []
+    height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
+    jaws = bool(len(pockets.jaws))
+    corner, middle = (float(pockets.ends[0]), float(pockets.ends[1])) if jaws else (0.0, 0.0)
+
+    def add(name: str, kind: int, rail: int, **geom: Any) -> None:
+        spec.worldbody.add_geom(name=name, group=4, **geom)
+        found.append((name, kind, rail))
+
+    def nose(name: str, rail: int, ends: Sequence[ArrayLike], outward: ArrayLike) -> None:
+        shift = NOSE_RADIUS * NOSE_COSINE * np.asarray(outward)
+        line = np.concatenate([np.append(np.asarray(end, float) + shift, height) for end in ends])
+        add(name, mem.NOSE, rail, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[NOSE_RADIUS, 0, 0], fromto=line)
+
+    for rail, sign in ((0, 1.0), (1, -1.0)):
+        x, y = sign * half_length, half_width - corner
+        nose(f"cushion {'+-'[rail % 2]}x", rail, ((x, -y), (x, y)), (sign, 0.0))
+    for rail, sign in ((2, 1.0), (3, -1.0)):
+        y, far = sign * half_width, half_length - corner
+        for part, (a, b) in enumerate(((-far, -middle), (middle, far)) if jaws else ((-far, far),)):
+            nose(f"cushion {'+-'[rail % 2]}y {part}", rail, ((a, y), (b, y)), (0.0, sign))
+    for number, (x, y, size, *normal) in enumerate(pockets.jaws):
+        name, rail, place = f"jaw {number}", 4 + number, np.array([x, y])
+        if normal[0] or normal[1]:  # a facing
+            out, along = np.array(normal), np.array([-normal[1], normal[0]])
+            middle_of = place + radius * NOSE_COSINE * out
+            if size > 0.0:
+                nose(name, rail, (middle_of - size * along, middle_of + size * along), out)
+        elif size > radius:
+            shape = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [size - radius, POST_HALF_HEIGHT_M, 0]}
+            add(name, mem.POST, rail, pos=[x, y, radius], **shape)
+        else:  # a nose so sharp that a ball meets it above its middle
+            rise = float(np.sqrt((radius + NOSE_RADIUS) ** 2 - size**2))
+            shape = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [NOSE_RADIUS, 0, 0]}
+            add(name, mem.NOSE, rail, pos=[x, y, radius + rise], **shape)
+    return found
+
+
+def _mark(spec: mujoco.MjSpec, names: Sequence[str], radius: float) -> None:
+    """A band about each ball: a disc that stands out of it by a hair."""
+    for name in names:
+        spec.body(name).add_geom(
+            name=f"band {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[1.004 * radius, BAND_WIDTH * radius, 0],
+            rgba=[*BAND_COLOUR, 1], contype=0, conaffinity=0,
+        )  # fmt: skip

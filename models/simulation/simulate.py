@@ -1,4 +1,4 @@
-"""Many shots -> many tracks: by the event engine (models/engine), or in MuJoCo (models/simulation/rollout.py)."""
+"""Many shots -> many tracks: by the event engine (models/engine), or moved by MuJoCo (models/mujoco)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 from models.engine.play import lacking, play
 from models.model_file import Model
 from models.shot import Shot, Track
-from models.simulation.rollout import Rollout
 
 CHUNK_SIZE = 1024  # simulations at a time
-CONTACT_MODES = ("clusters", "always", "never")
+CONTACT_MODES = ("clusters", "never")
 
 
 def _check(model: Model, shots: Sequence[Shot], jaws: bool) -> None:
@@ -42,8 +41,6 @@ def _check(model: Model, shots: Sequence[Shot], jaws: bool) -> None:
                 raise ValueError(f"shot {k}: {name} holds {value[~np.isfinite(value)][0]}; give finite numbers")
         if times.size and (times[0] < 0 or (times[1:] < times[:-1]).any()):
             raise ValueError(f"shot {k}: times go backwards or below 0; give increasing times from 0")
-        if not (shot.max_step > 0 and shot.impact_step > 0):
-            raise ValueError(f"shot {k}: max_step {shot.max_step}, impact_step {shot.impact_step}; both must exceed 0")
 
 
 def simulate(
@@ -65,8 +62,8 @@ def simulate(
         shots: the balls' states at t = 0 and the times wanted.
         progress: called with the number of shots done.
         threads: that step the simulations; 0 for one a core.
-        contacts: which impacts go through springs in small steps, where effects resolve both kinds: "clusters" of three
-            bodies or more, "never" any, and in MuJoCo "always" all. The others are carried through by their impulse.
+        contacts: which impacts go through springs in small steps in the event engine: "clusters" of three bodies or
+            more, or "never" any. The others are carried through by their impulse. In MuJoCo all are contacts.
         jaws: whether pockets have jaws and an edge (models/analytic/pocket.py), which needs effects for cloth, balls
             and cushions; without, a mouth takes what comes into it. Impacts at a jaw are carried through by their
             impulse; balls in `Shot.staying` meet straight cushions in place of pockets.
@@ -78,7 +75,7 @@ def simulate(
     if contacts not in CONTACT_MODES:
         raise ValueError(f"contacts is {contacts!r}; choose from {', '.join(CONTACT_MODES)}")
     _check(model, shots, jaws)
-    if model.engine == "events" and contacts != "always" and not lacking(model):
+    if model.engine == "events" and not lacking(model):
         done, tracks_found = 0, []
         for start in range(0, len(shots), CHUNK_SIZE):
             part = np.arange(start, min(start + CHUNK_SIZE, len(shots)))
@@ -88,20 +85,6 @@ def simulate(
             if progress:
                 progress(done)
         return tracks_found
-    tracks: list[Track | None] = [None] * len(shots)
-    # A world has one number of balls, and one size of table and ball.
-    sizes = [np.broadcast_to(np.asarray(v, float), (len(shots),)) for v in model.sizes.values()]
-    worlds = np.column_stack([np.array([len(s.names) for s in shots], float), *sizes])
-    done = 0
-    for world in np.unique(worlds, axis=0):
-        rows = np.flatnonzero((worlds == world).all(axis=1))
-        own = model.with_values(dict(zip(model.sizes, world[1:].tolist(), strict=True))).as_played()
-        for start in range(0, rows.size, CHUNK_SIZE):
-            part = rows[start : start + CHUNK_SIZE]
-            batch = Rollout(own, [shots[int(r)] for r in part], part, threads, contacts, jaws)
-            for k, track in zip(part, batch.run(), strict=True):
-                tracks[k] = track
-            done += part.size
-            if progress:
-                progress(done)
-    return [t for t in tracks if t is not None]
+    from models.mujoco.play import play as play_in_mujoco  # MuJoCo takes a second to import
+
+    return play_in_mujoco(model, shots, threads=threads, jaws=jaws, progress=progress)

@@ -107,13 +107,6 @@ def test_cloth_follows_the_closed_form(play: Play, name: str) -> None:
     assert np.abs(track.theta[spinning, 0] - turned[spinning]).max(initial=0.0) < 1e-7
 
 
-@pytest.mark.parametrize("name", SHOTS)
-def test_the_longest_step_does_not_matter(play: Play, name: str) -> None:
-    shot = alone(*SHOTS[name])
-    free, short = (play(cloth_model(*LAW), [dataclasses.replace(shot, max_step=h)])[0] for h in (np.inf, 1e-3))
-    assert np.abs(free.position - short.position).max() < 1e-8
-
-
 # End of the slide for mu_s = 0.212, alpha = 22 rad/s^2, by independent integration: v0, spin; time, place, v, omega_z.
 SLIDES = [
     ((2, 0), (0, 0, 0), 0.274762, (0.471021, 0), (1.428571, 0), 0),
@@ -295,8 +288,6 @@ BAD = [
     ({"times": np.array([0.0, 1.0, 0.5])}, "shot 1: times go backwards"),
     ({"times": np.array([-1.0, 1.0])}, "shot 1: times go backwards or below 0"),
     ({"times": np.zeros((2, 2))}, "shot 1: times has shape"),
-    ({"max_step": 0.0}, "shot 1: max_step 0.0"),
-    ({"impact_step": float("nan")}, "impact_step nan"),
     ({"names": ()}, "shot 1 has no balls"),
 ]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models.analytic.spring import dampings
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
-from models.simulation.contact import dampings
 from models.simulation.simulate import simulate
 from sysid.validation.shots import impact_shot, impact_states
 
@@ -36,16 +36,21 @@ def play(request: pytest.FixtureRequest) -> Play:
     return on
 
 
+def in_mujoco(world: Model, shots: list[Shot]) -> list[Track]:
+    """Moved by MuJoCo, through its contacts."""
+    return simulate(dataclasses.replace(world, engine="mujoco"), shots)
+
+
 def met(
     play: Play, places: list[tuple[float, float]], velocity: tuple[float, float], world: Model | None = None,
-    after: float = 2e-3, contacts: str = "clusters",
+    after: float = 2e-3,
 ) -> Track:  # fmt: skip
     """What comes of a ball, the first, that is a millimetre from others at rest."""
     n = len(places)
     v = np.zeros((n, 2))
     v[0] = velocity
     shot = Shot(tuple("abcdefgh"[:n]), np.array(places), v, np.zeros((n, 3)), np.array([0.0, after]))
-    return play(world or model(), [shot], contacts=contacts)[0]
+    return play(world or model(), [shot])[0]
 
 
 def energy(track: Track, k: int) -> float:
@@ -162,9 +167,7 @@ def test_dampings_rise_as_restitution_falls(cushion: bool) -> None:
 def test_restitution_of_two_balls_knows_no_speed(e: float) -> None:
     for speed in (0.2, 1.0, 4.0):
         world = model(e, 0.0).with_values({"decoupled_cloth.slide": 0.05})
-        track = met(
-            simulate, [(-D - 1e-6, 0), (0, 0)], (speed, 0.0), world, after=1e-6 / speed + 5e-4, contacts="always"
-        )
+        track = met(in_mujoco, [(-D - 1e-6, 0), (0, 0)], (speed, 0.0), world, after=1e-6 / speed + 5e-4)
         v = track.velocity[-1, :, 0]
         assert v[1] - v[0] == pytest.approx(e * speed, abs=2e-3 * speed)
 
@@ -174,7 +177,7 @@ def test_two_bodies_come_out_as_by_their_impulse(kind: str) -> None:
     states = np.concatenate(impact_states(kind, 60))
     shots = [impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in states]
     world = dataclasses.replace(model(0.89), table=Table(2.959, 1.473, pockets=False))
-    tracks = [simulate(world, shots, contacts=way) for way in ("always", "never")]
+    tracks = in_mujoco(world, shots), simulate(world, shots, contacts="never")
     for scale, what in ((1.0, "velocity"), (BALL.radius, "spin")):
         error = scale * np.array(
             [np.abs(getattr(a, what)[-1] - getattr(b, what)[-1]).max() for a, b in zip(*tracks, strict=True)]
@@ -189,7 +192,7 @@ def test_results_are_smooth_in_what_goes_in() -> None:
         state[:, which] *= np.linspace(0.9995, 1.0005, 60)
         shots = [impact_shot(kind, v, angle, top, side, 6e-4) for v, angle, top, side in state]
         world = dataclasses.replace(model(0.89), table=Table(2.959, 1.473, pockets=False))
-        tracks = simulate(world, shots, contacts="always")
+        tracks = in_mujoco(world, shots)
         return np.array([np.append(t.velocity[-1, 0], BALL.radius * t.spin[-1, 0]) for t in tracks])
 
     for kind in ("ball", "cushion"):
@@ -207,8 +210,9 @@ def test_balls_that_lean_on_each_other_are_one_event(play: Play) -> None:
 
 
 def test_an_unknown_way_through_contacts_is_named() -> None:
-    with pytest.raises(ValueError, match="contacts is 'some'; choose from clusters, always, never"):
-        met(simulate, [(0, 0)], (1, 0), contacts="some")
+    shot = Shot(("a",), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)), np.zeros(1))
+    with pytest.raises(ValueError, match="contacts is 'some'; choose from clusters, never"):
+        simulate(model(), [shot], contacts="some")
 
 
 POCKETS = Table(3.569, 1.778)

@@ -1,0 +1,185 @@
+"""An impact as MuJoCo's contact: what meets, how hard it pushes, and what friction goes with that.
+
+The spring is that of models/analytic/spring.py, so much stiffer when it unloads that it gives back the part e^2 of the
+work done on it (Walton, Braun 1986; Stronge, Impact Mechanics, 2000), whatever else acts meanwhile: restitution is
+energetic, as in the impulse models. Its force is written into the contact's row before MuJoCo's solver takes it up: at
+the low impedance of these contacts the solver hands on what the row asks for. Friction follows by the increments of the
+impulse models.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from models import record as rec
+from models.analytic.compliant import MIN_COMPLIANCE, dragged
+from models.analytic.events import MIN_IMPACT_SPEED
+from models.analytic.increments import NOT_HELD
+from models.analytic.spring import (
+    CONTACT_GAP_M,
+    CUSHION_TIME,
+    NOSE_RADIUS,
+    SPRING_STEP_S,
+    damping_of,
+    depth_of,
+    spring,
+)
+from models.compiled import compiled_in_place
+from models.engine import columns as col
+from models.engine.cluster import CROWD_GAP_M, press
+from models.engine.impacts import ask, describe
+from models.mujoco import layout as at
+from models.mujoco.memory import (
+    BALL,
+    CONTACT_MEMORY,
+    DAMP,
+    DECAY,
+    DEEPEST,
+    DOWN,
+    GAIN,
+    GIVEN,
+    GIVES_BACK,
+    LOWERED,
+    MU,
+    NOSE,
+    PEAK,
+    SINE,
+    SINK,
+    SOFT,
+    STIFFNESS,
+    STRETCH_ALONG,
+    STRETCH_UP,
+    TOOL,
+    doubles,
+    ints,
+)
+from models.shot import NOSE_COSINE, NOSE_SINE
+
+STEP_S: Final = SPRING_STEP_S  # in an impact [s]
+MIN_GIVEN_BACK: Final = 0.1  # restitution below which a damper takes the work: springs have no steps that stiff
+FREE_ACCELERATION: Final = 1e9  # of a contact that does not act: the solver leaves it alone [m/s^2]
+
+
+@compiled_in_place
+def set_row(kbip, row, dist, acceleration):  # type: ignore[no-untyped-def]
+    """Let a contact's row ask for this acceleration of its gap: a = -K I gap - B v."""
+    kbip[row, 0] = -acceleration / (kbip[row, 2] * dist)
+    kbip[row, 1] = 0.0
+
+
+@compiled_in_place
+def read_contact(place, o, geoms):  # type: ignore[no-untyped-def]
+    """What meets in MuJoCo's contact at an address: ball i (-1 for none), the other ball, rail or jaw j, its kind
+    (BALL for a ball), the horizontal unit vector from i into it, the horizontal part of the normal, and the gap.
+    """
+    pair = ints(place + o[at.CONTACT_GEOM])
+    dist = doubles(place + o[at.CONTACT_DIST])[0]
+    normal = doubles(place + o[at.CONTACT_FRAME])
+    one, two, sign = pair[0], pair[1], 1.0
+    if one < 0 or two < 0:
+        return -1, 0, TOOL, 1.0, 0.0, 1.0, dist
+    if geoms[one, 0] < 0 or (geoms[two, 0] >= 0 and geoms[two, 0] < geoms[one, 0]):
+        one, two, sign = two, one, -1.0
+    i, other = geoms[one, 0], geoms[two, 0]
+    if i < 0:
+        return -1, 0, TOOL, 1.0, 0.0, 1.0, dist
+    kind, j = (BALL, other) if other >= 0 else (-1 - other, geoms[two, 1])
+    nx, ny = sign * normal[0], sign * normal[1]
+    level = math.sqrt(nx * nx + ny * ny)
+    if level > 0.0:
+        nx, ny = nx / level, ny / level
+    return i, j, kind, nx, ny, level, dist
+
+
+@compiled_in_place
+def slot(n, rails, i, j, kind):  # type: ignore[no-untyped-def]
+    """Where a contact is remembered: of balls i < j, or of ball i with rail or jaw j."""
+    return j * (j - 1) // 2 + i if kind == BALL else n * (n - 1) // 2 + i * rails + j
+
+
+@compiled_in_place
+def meet(  # type: ignore[no-untyped-def]
+    kept, b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact, dampings, session, now, radius, slide, masses,
+    step, dv, work, kbip, weight, row, fresh,
+):  # fmt: skip
+    """Let two bodies push and rub each other in a step: the row of their contact, and changes dv of the balls.
+
+    `kept` is what is remembered of the contact, which goes on only at a `fresh` look. Returns whether it is a new one.
+    """
+    cushion = kind != BALL
+    if gap > -CONTACT_GAP_M:
+        for k in range(CONTACT_MEMORY):
+            kept[k] = 0.0
+        if row >= 0 and gap < 0.0:
+            set_row(kbip, row, gap, -FREE_ACCELERATION)
+        return False
+    new, passes = False, step if fresh else 0.0
+    approach = b[i, col.VX] * nx + b[i, col.VY] * ny
+    if not cushion:
+        approach -= b[j, col.VX] * nx + b[j, col.VY] * ny
+    flat = gap
+    if kind == NOSE:  # the gap along the normal, as MuJoCo has it, in the plane of the slate
+        contact_radius = radius + NOSE_RADIUS
+        flat = math.sqrt((contact_radius + gap) ** 2 - (contact_radius * NOSE_SINE) ** 2) - contact_radius * NOSE_COSINE
+    depth, across = depth_of(cushion, flat, radius, kept[SINE] if kept[PEAK] > 0.0 else NOSE_SINE)
+    if kept[PEAK] == 0.0 and kept[GIVEN] == 0.0 and -gap > CROWD_GAP_M + 2.0 * STEP_S * abs(approach):
+        kept[GIVEN] = depth  # they were put into each other: nobody's work is in that
+    if approach > max(kept[PEAK], MIN_IMPACT_SPEED):
+        new = kept[PEAK] == 0.0
+        kept[PEAK] = approach
+        describe(hit, cushion, i, j, b[i], b[i if cushion else j], nx, ny, radius, session, now)
+        ask(hit, hit_at, own, impact)
+        e = hit[rec.RESTITUTION]
+        kept[GIVES_BACK], kept[DAMP] = e, damping_of(cushion, e, dampings)
+        kept[MU], kept[GAIN], kept[DECAY], kept[SINE] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY], hit[rec.NOSE]
+        kept[SINK], kept[SOFT] = hit[rec.SINK], hit[rec.COMPLIANCE]
+        if cushion:
+            depth, across = depth_of(True, flat, radius, kept[SINE])
+        longer = 2.0 * hit[rec.CONTACT_TIME] / (1.0 + e) / CUSHION_TIME
+        kept[STIFFNESS] = 1.0 / longer**2 if longer > 1.0 else 1.0
+    kept[GIVEN] = min(kept[GIVEN], max(depth, 0.0))
+    kept[LOWERED] += passes * kept[DOWN] * kept[SINE]
+    pressed = max(depth - kept[GIVEN] - kept[LOWERED], 0.0)
+    moved = masses[i] if cushion else masses[i] / (1.0 + masses[i] / masses[j])
+    kept[DEEPEST] = max(kept[DEEPEST], pressed)
+    if kept[GIVES_BACK] > MIN_GIVEN_BACK:
+        pressed = max(kept[DEEPEST] - (kept[DEEPEST] - pressed) / kept[GIVES_BACK] ** 2, 0.0)
+        k, damp = spring(cushion, pressed, 0.0)
+    else:
+        k, damp = spring(cushion, pressed, kept[DAMP])
+    k *= kept[STIFFNESS] if cushion else 1.0
+    force = moved * max(k * pressed + damp * approach * across, 0.0)
+    if row >= 0:
+        wanted = force * across / level * (1.0 / weight + 1.0 / moved) if force > 0.0 else -FREE_ACCELERATION
+        set_row(kbip, row, gap, wanted)
+    if row < 0 or force == 0.0:
+        return new
+    dp = step * force
+    hold = NOT_HELD
+    if cushion and kept[SOFT] > MIN_COMPLIANCE:
+        # The spring along the face, which friction holds: models/analytic/compliant.py.
+        bi, sine = b[i], kept[SINE]
+        cosine = math.sqrt(1.0 - sine * sine)
+        va, vb = bi[col.VX] * ny - bi[col.VY] * nx, bi[col.VX] * nx + bi[col.VY] * ny
+        wa, wb = bi[col.WX] * ny - bi[col.WY] * nx, bi[col.WX] * nx + bi[col.WY] * ny
+        along = passes * (va + radius * (wb * sine - bi[col.WZ] * cosine))
+        up = passes * (-vb * sine - kept[DOWN] * cosine + radius * wa)
+        stiffness = moved * kept[STIFFNESS] * (math.pi / CUSHION_TIME) ** 2 / kept[SOFT]
+        q1, q2 = dragged(
+            kept[STRETCH_ALONG] + along, kept[STRETCH_UP] + up, along, up, kept[MU] * force / stiffness
+        )  # fmt: skip
+        kept[STRETCH_ALONG], kept[STRETCH_UP] = q1, q2
+        hold = True, -step * stiffness * q1, -step * stiffness * q2
+    down = press(
+        b, i, -1 - j if cushion else j, nx, ny, dp, kept[MU:], slide, masses, 1.0, across, dv, work, kept[DOWN],
+        kept[SINK], hold,
+    )  # fmt: skip
+    if fresh:
+        kept[DOWN] = down
+    dv[i, 0] += dp * across / masses[i] * nx  # what the normal force itself does is MuJoCo's
+    dv[i, 1] += dp * across / masses[i] * ny
+    if not cushion:
+        dv[j, 0] -= dp / masses[j] * nx
+        dv[j, 1] -= dp / masses[j] * ny
+    return new

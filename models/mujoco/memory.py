@@ -1,0 +1,92 @@
+"""What compiled code knows of a world and of a simulation: numbers by their columns, and arrays behind addresses.
+
+A world (models/mujoco/world.py) hands over one table of integers, which says how many there are of what and where
+arrays stand. A simulation keeps what it must remember from step to step in `userdata`: so mj_copyData takes it along,
+and simulations of one model that run side by side share nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from numba import types
+from numba.extending import intrinsic
+
+from models import record as rec
+from models.engine import columns as col
+from models.shot import SESSION_FIELDS
+
+ALL: Final = 1 << 30  # size of an array whose own is not asked for
+
+# The table of a world.
+(
+    BALLS, RAILS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, IMPACT, IMPACT_COUNT, DAMPING, DAMPING_COUNT,
+    GEOMS, HOLES, HOLE_COUNT, JOINTS, MASSES, NUMBERS, NATIVE_CLOTH, NATIVE_BALLS, NATIVE_CUSHIONS, TABLE_SIZE,
+) = range(22)  # fmt: skip
+# Its floats: metres and seconds. Mouths as in models/shot.py, 0 where jaws bound them.
+RADIUS, BASE_STEP, HALF_X, HALF_Y, CORNER_MOUTH, MIDDLE_MOUTH, NET_DEPTH, NUMBER_COUNT = range(8)
+# Of a geom: the number of its ball, or -1 - kind; then the number of the rail, or 4 + that of the jaw. A post is an
+# upright cylinder. BALL is the kind of a contact between two balls.
+BALL, SLATE, NOSE, POST, TOOL = -1, 0, 1, 2, 3
+
+# The memory of a simulation begins with: the row of its parameters, the address of what records it, or 0, the time and
+# step of its last look, the step before that, when the strike was, its speed, and the shot's session.
+ROW, RECORD, STATE_TIME, STEP, STEP_BEFORE, STRUCK_AT, LAUNCH, SESSION = range(8)
+HEAD: Final = SESSION + SESSION_FIELDS
+# Of each ball: angles rolled and turned, by how much more after this step, whether it has no slate below it, whether no
+# pocket takes it.
+ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
+# Of each contact: largest approach speed [m/s], overlap that is nobody's work and largest depth [m], restitution,
+# damping, stiffness over the usual; share of a push that the slate does not return, the speed [m/s] and way [m] down
+# that this stands for; compliance and stretches [m] along the face; friction, nose.
+(
+    PEAK, GIVEN, DEEPEST, GIVES_BACK, DAMP, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
+    DECAY, SINE, CONTACT_MEMORY,
+) = range(17)  # fmt: skip
+PAST: Final = 8  # of each ball at the last look: place, velocity, spin, angle turned
+WORK: Final = 4 * 10
+
+# A record: how many samples and events there is room for, how many there are; then times, samples, events.
+TIME_COUNT, NEXT_TIME, EVENT_ROOM, EVENT_COUNT, RECORD_HEAD = range(5)
+SAMPLE: Final = 8  # x, y, vx, vy, wx, wy, wz, angle turned
+EVENT: Final = 6  # time, kind, ball, other, place of the ball
+EVENT_BALL, EVENT_CUSHION, EVENT_POCKET = 0, 1, 2  # in the order of models/engine/play.py
+
+
+def contact_count(balls: int, rails: int) -> int:
+    """How many contacts are remembered: of each two balls, and of each ball with each rail and jaw."""
+    return balls * (balls - 1) // 2 + balls * rails
+
+
+def memory_size(balls: int, rails: int) -> int:
+    """How many numbers a simulation remembers, with room for work."""
+    each = BALL_MEMORY + PAST + col.COLUMN_COUNT + 5
+    work = rec.BALL_FIELDS + rec.IMPACT_FIELDS + WORK
+    return HEAD + balls * each + contact_count(balls, rails) * CONTACT_MEMORY + work
+
+
+def record_size(times: int, balls: int, events: int) -> int:
+    """How many numbers a record has."""
+    return RECORD_HEAD + times * (1 + balls * SAMPLE) + events * EVENT
+
+
+@intrinsic
+def doubles(context, address):  # type: ignore[no-untyped-def]
+    """An address as a pointer to floats."""
+    return types.CPointer(types.float64)(types.int64), _as_pointer
+
+
+@intrinsic
+def longs(context, address):  # type: ignore[no-untyped-def]
+    """An address as a pointer to integers of 8 bytes."""
+    return types.CPointer(types.int64)(types.int64), _as_pointer
+
+
+@intrinsic
+def ints(context, address):  # type: ignore[no-untyped-def]
+    """An address as a pointer to integers of 4 bytes."""
+    return types.CPointer(types.int32)(types.int64), _as_pointer
+
+
+def _as_pointer(context, builder, signature, args):  # type: ignore[no-untyped-def]
+    return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
