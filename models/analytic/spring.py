@@ -1,23 +1,25 @@
-"""The springs that stand for contacts of several bodies at once: stiffness, damping for a restitution, depth.
+"""The springs that stand for contacts in small steps: how hard two bodies push at a depth.
 
-Two balls: the spring of Hertz, K d^1.5, with the damper a sqrt(K) d^0.25 (Tsuji, Tanaka, Ishida 1992), whose
-restitution knows no speed; a cushion: linear, and softer. Stepped semi-implicitly, by MuJoCo (simulation/contact.py)
-and by the event engine (engine/cluster.py) alike.
+Two balls load the spring of Hertz, K d^1.5, a cushion a linear and softer one. Both unload so much more stiffly that
+the part e^2 of the work done on them comes back (Walton, Braun 1986; Stronge, Impact Mechanics, 2000), whatever else
+acts meanwhile and however fast: restitution is energetic, as in the impulse models. What meets too slowly to come back
+at all meets a damper. Stepped semi-implicitly, in clusters of the event engine (engine/cluster.py) and in MuJoCo's
+contacts (mujoco/contact.py) alike.
 """
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from models.compiled import compiled, compiled_in_place
-from models.shot import NOSE_SINE, Array
+from models.shot import NOSE_SINE
 
 SPRING_STEP_S = 4e-6  # [s]
 BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns
 CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
 HERTZ_STIFFNESS = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ_STIFFNESS d^1.5 [m^-0.5 s^-2]
+MIN_GIVEN_BACK = 0.1  # restitution: the steps resolve no spring that unloads more stiffly
+DEAD_DAMPING = 4.0  # over the critical one of a cushion, where nothing comes back
 MAX_CLUSTER_S = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
 CONTACT_GAP_M = 1e-9  # gap below which bodies touch [m]
 CALM_TIME_S = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
@@ -25,63 +27,23 @@ NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
 SLIP_PARTS = 8  # of a step, over which a slip may turn
 
 
-@compiled
-def spring(cushion: bool, depth: float, damping: float) -> tuple[float, float]:
-    """Stiffness over the depth [1/s^2] and damping [1/s] of a contact per unit of its effective mass."""
-    if depth <= CONTACT_GAP_M:  # a touch is landed on to rounding: nothing acts on either side of it
-        return 0.0, 0.0
-    if cushion:
-        return (np.pi / CUSHION_TIME) ** 2, 2.0 * damping * np.pi / CUSHION_TIME
-    return HERTZ_STIFFNESS * np.sqrt(depth), damping * np.sqrt(HERTZ_STIFFNESS) * depth**0.25
-
-
-@compiled
-def _bounce(cushion: bool, damping: float) -> float:
-    """Restitution of a contact at 1 m/s, stepped as MuJoCo steps it."""
-    depth, v = 0.0, 1.0
-    for _ in range(10_000):
-        k, b = spring(cushion, depth, damping)
-        v -= SPRING_STEP_S * max(k * depth + b * v, 0.0)
-        depth += SPRING_STEP_S * v
-        if depth <= 0.0:
-            break
-    return -v
-
-
-@compiled
-def _bounces(cushion: bool, dampings: Array) -> Array:
-    return np.array([_bounce(cushion, d) for d in dampings])
-
-
-@cache
-def damping_table() -> Array:
-    """Restitutions, rising, of balls and of cushions, and the damping that gives each: (3, n)."""
-    damping = np.linspace(4.0, 0.0, 2001)
-    return np.stack([_bounces(False, damping), _bounces(True, damping), damping])
-
-
 @compiled_in_place
-def damping_of(cushion: bool, restitution: float, table: Array) -> float:
-    """The damping of one contact for its restitution, by the `damping_table`."""
-    row, low, high = 1 if cushion else 0, 0, table.shape[1] - 1
-    if restitution <= table[row, low]:
-        return float(table[2, low])
-    if restitution >= table[row, high]:
-        return float(table[2, high])
-    while high - low > 1:
-        middle = (low + high) // 2
-        if table[row, middle] <= restitution:
-            low = middle
-        else:
-            high = middle
-    part = (restitution - table[row, low]) / (table[row, high] - table[row, low])
-    return float(table[2, low] + part * (table[2, high] - table[2, low]))
+def pushed(cushion: bool, pressed: float, deepest: float, gives_back: float, approach: float) -> float:
+    """How fast two bodies are pushed apart, per unit of their effective mass [m/s^2].
 
-
-def dampings(cushion: bool, restitution: Array) -> Array:
-    """The damping of contacts for their restitutions (n,): (n,)."""
-    table = damping_table()
-    return np.interp(restitution, table[int(cushion)], table[2])
+    Pressed so deep now and at most [m], with a restitution, approaching at a speed [m/s].
+    """
+    if pressed <= CONTACT_GAP_M:  # a touch is landed on to rounding: nothing acts on either side of it
+        return 0.0
+    if gives_back > 0.0:
+        e = max(gives_back, MIN_GIVEN_BACK)
+        depth = max(deepest - (deepest - pressed) / (e * e), 0.0)
+        return depth * (np.pi / CUSHION_TIME) ** 2 if cushion else HERTZ_STIFFNESS * np.sqrt(depth) * depth
+    if cushion:
+        rate = np.pi / CUSHION_TIME
+        return max(rate * rate * pressed + 2.0 * DEAD_DAMPING * rate * approach, 0.0)
+    rate = np.sqrt(HERTZ_STIFFNESS) * pressed**0.25
+    return max(rate * rate * pressed + DEAD_DAMPING * rate * approach, 0.0)
 
 
 @compiled

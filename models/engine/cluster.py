@@ -1,11 +1,9 @@
 """Several bodies that touch at once: a shot in small steps, through springs that hold restitution and friction.
 
-The same springs as those of MuJoCo's contacts in simulation/contact.py, stepped in the same way: two balls have that of
-Hertz with the damper of Tsuji, Tanaka, Ishida 1992, a cushion a linear one. What a spring gives back of the work done
-on it does not depend on what else acts, so restitution is energetic. Friction at a contact, and of the cloth under a
-ball that is pressed down, follow from its force by the increments of the impulse models. Jaws have the springs of
-cushions, but are no third body that makes a cluster of two. A ball that comes into a cushion from a mouth, sideways, is
-the pocket's; there and wherever else one is suddenly deep in something, no spring throws it out.
+The springs are those of MuJoCo's contacts (models/analytic/spring.py), stepped in the same way. Friction at a contact,
+and of the cloth under a ball that is pressed down, follow from its force by the increments of the impulse models. Jaws
+have the springs of cushions, but are no third body that makes a cluster of two. A ball that comes into a cushion from a
+mouth, sideways, is the pocket's; there and wherever else one is suddenly deep in something, no spring throws it out.
 """
 
 from __future__ import annotations
@@ -25,9 +23,8 @@ from models.analytic.spring import (
     MAX_CLUSTER_S,
     SLIP_PARTS,
     SPRING_STEP_S,
-    damping_of,
     depth_of,
-    spring,
+    pushed,
 )
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
@@ -221,32 +218,31 @@ def _note(log, who, logged, count, now, what, i, other):  # type: ignore[no-unty
 @compiled
 def through(  # type: ignore[no-untyped-def]
     b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half, mouths, jaws,
-    session, hit, table, times, begin, out, log, who, logged, count,
+    session, hit, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     """Carry a shot through a cluster: returns when it has parted, the next sample's number and how much is logged.
 
-    `stays` (n,): which balls no pocket takes. `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work,
-    `table` as in models/analytic/spring.py.
+    `stays` (n,): which balls no pocket takes. `records` (n, BALL_FIELDS) of the balls, `hit` (IMPACT_FIELDS,) for work.
     """
     n = b.shape[0]
     rails = 4 + jaws.shape[0]
     contacts = n * (n - 1) // 2 + rails * n
     bodies = np.empty(contacts, np.int64), np.empty(contacts, np.int64), np.empty(contacts, np.int64)
-    springs = np.zeros(contacts), np.zeros((contacts, 4)), np.zeros(contacts), np.zeros(contacts)
+    springs = np.zeros(contacts), np.zeros((contacts, 4)), np.zeros(contacts), np.zeros(contacts), np.zeros(contacts)
     work = bodies, springs, np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((4, 10))
     return _through(
         work, b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
-        mouths, jaws, session, hit, table, times, begin, out, log, who, logged, count,
+        mouths, jaws, session, hit, times, begin, out, log, who, logged, count,
     )  # fmt: skip
 
 
 @compiled_in_place
 def _through(  # type: ignore[no-untyped-def]
     arrays, b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits, half,
-    mouths, jaws, session, hit, table, times, begin, out, log, who, logged, count,
+    mouths, jaws, session, hit, times, begin, out, log, who, logged, count,
 ):  # fmt: skip
     n = b.shape[0]
-    (first, second, near), (damping, mu, peak, given), known, heavier, dv, work = arrays
+    (first, second, near), (gives_back, mu, peak, given, deepest), known, heavier, dv, work = arrays
     contacts = first.size
     at = 0
     for i in range(1, n):
@@ -279,7 +275,7 @@ def _through(  # type: ignore[no-untyped-def]
                 continue
             gap, approach, nx, ny = _meets(b, i, j, radius, limits, half, mouths, jaws)
             if gap > CONTACT_GAP_M:
-                peak[c] = given[c] = 0.0
+                peak[c] = given[c] = deepest[c] = 0.0
                 continue
             cushion = j < 0
             sudden = peak[c] == 0.0 and given[c] == 0.0
@@ -295,7 +291,7 @@ def _through(  # type: ignore[no-untyped-def]
                 two = b[i if cushion else j]
                 describe(hit, cushion, i, other, b[i], two, nx, ny, radius, session, now)
                 ask(hit, hit.ctypes.data, own, impact)
-                damping[c] = damping_of(cushion, hit[rec.RESTITUTION], table)
+                gives_back[c] = hit[rec.RESTITUTION]
                 mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]
                 mu[c, 3] = hit[rec.NOSE]
                 heavier[i] = hit[rec.MASS_FIRST]
@@ -308,14 +304,14 @@ def _through(  # type: ignore[no-untyped-def]
             depth, level = depth_of(cushion, gap, radius)
             given[c] = min(given[c], max(depth, 0.0))
             pressed = depth - given[c]
-            k, damp = spring(cushion, pressed, damping[c])
-            if k == 0.0:
+            deepest[c] = max(deepest[c], pressed)
+            push_apart = pushed(cushion, pressed, deepest[c], gives_back[c], approach * level)
+            if push_apart == 0.0:
                 continue
             one = mass * heavier[i]
             moved = one if cushion else one / (1.0 + heavier[i] / heavier[j])
-            dp = SPRING_STEP_S * moved * max(k * pressed + damp * approach * level, 0.0)
-            if dp > 0.0:
-                press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
+            dp = SPRING_STEP_S * moved * push_apart
+            press(b, i, j, nx, ny, dp, mu[c], cloth[0], heavier, mass, level, dv, work)
         while begin < times.size and times[begin] <= min(now + SPRING_STEP_S, until):
             part = times[begin] - now
             for i in range(n):

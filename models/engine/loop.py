@@ -197,7 +197,7 @@ def _hand_back(balls, kind, now, radius, alpha, start, potted):  # type: ignore[
 @compiled_in_place
 def play_shot(  # type: ignore[no-untyped-def]
     work, start, stays, launch, session, own, forces, support, horizon, impact, cloth, mass, radius, limits, half,
-    mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, potted,
+    mouths, jaws, falls, clusters, until, most, times, out, log, who, count, potted,
 ):  # fmt: skip
     """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
 
@@ -243,7 +243,7 @@ def play_shot(  # type: ignore[no-untyped-def]
                 count[SWITCH] += 1
                 now, next_, logged = through(
                     b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits,
-                    half, mouths, jaws, session, hit, table, times, next_, out, log, who, logged, count,
+                    half, mouths, jaws, session, hit, times, next_, out, log, who, logged, count,
                 )  # fmt: skip
                 _after_crowd(b, notes, now, radius)
                 continue
@@ -283,7 +283,7 @@ def play_shot(  # type: ignore[no-untyped-def]
 @compiled
 def play_rows(  # type: ignore[no-untyped-def]
     first, last, start, stays, struck, session, own, forces, support, horizon, impact, strike, cloth, mass, radius,
-    limits, half, mouths, jaws, falls, table, clusters, until, most, times, out, log, who, count, end, potted,
+    limits, half, mouths, jaws, falls, clusters, until, most, times, out, log, who, count, end, potted,
 ):  # fmt: skip
     """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8).
 
@@ -298,6 +298,6 @@ def play_rows(  # type: ignore[no-untyped-def]
             launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius[s], mass, cue)
         end[s] = play_shot(
             work, start[s], stays[s], launch, session[s], at, forces, support, horizon, impact, cloth[s], mass,
-            radius[s], limits[s], half[s], mouths, jaws, falls, table, clusters, until[s], most, times[s], out[s],
+            radius[s], limits[s], half[s], mouths, jaws, falls, clusters, until[s], most, times[s], out[s],
             log[s], who[s], count[s], potted[s],
         )  # fmt: skip

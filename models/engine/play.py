@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
-from models.analytic.spring import damping_table
 from models.engine.loop import ROW_SIZE, play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
@@ -204,14 +203,14 @@ def run(
     n, nball = start.shape[:2]
     out, end = np.empty((n, times.shape[1], nball, ROW_SIZE)), np.zeros(n)
     log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
-    potted, hooks, pockets, table = np.zeros((n, nball), np.bool_), game.hooks, game.pockets, damping_table()
+    potted, hooks, pockets = np.zeros((n, nball), np.bool_), game.hooks, game.pockets
 
     def part(first: int, last: int) -> None:
         out[first:last] = np.nan
         play_rows(
             first, last, start, stays, struck, session, hooks.own, hooks.forces, hooks.support, hooks.horizon,
             hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends,
-            pockets.jaws, pockets.falls, table, clusters, until, most, times, out, log, who, count, end, potted,
+            pockets.jaws, pockets.falls, clusters, until, most, times, out, log, who, count, end, potted,
         )  # fmt: skip
 
     over_threads(part, n, threads)

@@ -1,10 +1,8 @@
 """An impact as MuJoCo's contact: what meets, how hard it pushes, and what friction goes with that.
 
-The spring is that of models/analytic/spring.py, so much stiffer when it unloads that it gives back the part e^2 of the
-work done on it (Walton, Braun 1986; Stronge, Impact Mechanics, 2000), whatever else acts meanwhile: restitution is
-energetic, as in the impulse models. Its force is written into the contact's row before MuJoCo's solver takes it up: at
-the low impedance of these contacts the solver hands on what the row asks for. Friction follows by the increments of the
-impulse models.
+The force of the spring (models/analytic/spring.py) is written into the contact's row before MuJoCo's solver takes it
+up: at the low impedance of these contacts the solver hands on what the row asks for. Friction follows by the increments
+of the impulse models.
 """
 
 from __future__ import annotations
@@ -14,16 +12,15 @@ from typing import Final
 
 from models import record as rec
 from models.analytic.compliant import MIN_COMPLIANCE, dragged
-from models.analytic.events import MIN_IMPACT_SPEED
+from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED
 from models.analytic.increments import NOT_HELD
 from models.analytic.spring import (
     CONTACT_GAP_M,
     CUSHION_TIME,
     NOSE_RADIUS,
     SPRING_STEP_S,
-    damping_of,
     depth_of,
-    spring,
+    pushed,
 )
 from models.compiled import compiled_in_place
 from models.engine import columns as col
@@ -33,7 +30,6 @@ from models.mujoco import layout as at
 from models.mujoco.memory import (
     BALL,
     CONTACT_MEMORY,
-    DAMP,
     DECAY,
     DEEPEST,
     DOWN,
@@ -57,7 +53,6 @@ from models.mujoco.memory import (
 from models.shot import NOSE_COSINE, NOSE_SINE
 
 STEP_S: Final = SPRING_STEP_S  # in an impact [s]
-MIN_GIVEN_BACK: Final = 0.1  # restitution below which a damper takes the work: springs have no steps that stiff
 FREE_ACCELERATION: Final = 1e9  # of a contact that does not act: the solver leaves it alone [m/s^2]
 
 
@@ -100,7 +95,7 @@ def slot(n, rails, i, j, kind):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def meet(  # type: ignore[no-untyped-def]
-    kept, b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact, dampings, session, now, radius, slide, masses,
+    kept, b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact, session, now, radius, slide, masses,
     step, dv, work, kbip, weight, row, fresh,
 ):  # fmt: skip
     """Let two bodies push and rub each other in a step: the row of their contact, and changes dv of the balls.
@@ -126,12 +121,12 @@ def meet(  # type: ignore[no-untyped-def]
     if kept[PEAK] == 0.0 and kept[GIVEN] == 0.0 and -gap > CROWD_GAP_M + 2.0 * STEP_S * abs(approach):
         kept[GIVEN] = depth  # they were put into each other: nobody's work is in that
     if approach > max(kept[PEAK], MIN_IMPACT_SPEED):
-        new = kept[PEAK] == 0.0
+        new = fresh and kept[PEAK] <= DEAD_SPEED < approach  # what closes more slowly leans
         kept[PEAK] = approach
         describe(hit, cushion, i, j, b[i], b[i if cushion else j], nx, ny, radius, session, now)
         ask(hit, hit_at, own, impact)
         e = hit[rec.RESTITUTION]
-        kept[GIVES_BACK], kept[DAMP] = e, damping_of(cushion, e, dampings)
+        kept[GIVES_BACK] = e
         kept[MU], kept[GAIN], kept[DECAY], kept[SINE] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY], hit[rec.NOSE]
         kept[SINK], kept[SOFT] = hit[rec.SINK], hit[rec.COMPLIANCE]
         if cushion:
@@ -143,13 +138,9 @@ def meet(  # type: ignore[no-untyped-def]
     pressed = max(depth - kept[GIVEN] - kept[LOWERED], 0.0)
     moved = masses[i] if cushion else masses[i] / (1.0 + masses[i] / masses[j])
     kept[DEEPEST] = max(kept[DEEPEST], pressed)
-    if kept[GIVES_BACK] > MIN_GIVEN_BACK:
-        pressed = max(kept[DEEPEST] - (kept[DEEPEST] - pressed) / kept[GIVES_BACK] ** 2, 0.0)
-        k, damp = spring(cushion, pressed, 0.0)
-    else:
-        k, damp = spring(cushion, pressed, kept[DAMP])
-    k *= kept[STIFFNESS] if cushion else 1.0
-    force = moved * max(k * pressed + damp * approach * across, 0.0)
+    force = moved * pushed(cushion, pressed, kept[DEEPEST], kept[GIVES_BACK], approach * across)
+    if cushion:
+        force *= kept[STIFFNESS]
     if row >= 0:
         wanted = force * across / level * (1.0 / weight + 1.0 / moved) if force > 0.0 else -FREE_ACCELERATION
         set_row(kbip, row, gap, wanted)

@@ -239,7 +239,6 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     cloth = carray(mem.doubles(table[mem.CLOTH] + 24 * row), 3)
     forces = carray(mem.longs(table[mem.FORCES]), (table[mem.FORCE_COUNT], 2))
     impact = carray(mem.longs(table[mem.IMPACT]), (table[mem.IMPACT_COUNT], 2))
-    dampings = carray(mem.doubles(table[mem.DAMPING]), (3, table[mem.DAMPING_COUNT]))
     geoms = carray(mem.longs(table[mem.GEOMS]), (mem.ALL, 2))
     holes = carray(mem.doubles(table[mem.HOLES]), (mem.ALL, 3))
     contacts = n * (n - 1) // 2 + n * rails
@@ -332,11 +331,11 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif not _is_native(table, kind):
             new = meet(
-                kept[slot(n, rails, i, j, kind)], b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact, dampings,
+                kept[slot(n, rails, i, j, kind)], b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact,
                 session, r[rec.TIME], radius, cloth[0], masses, step, dv, work, kbip, weights[max(line, 0)], line,
                 fresh,
             )  # fmt: skip
-            if new and record_at != 0 and fresh:
+            if new and record_at != 0:
                 note(record_at, n, now, mem.EVENT_BALL if kind == mem.BALL else mem.EVENT_CUSHION, i, j, b[i])
     for i in range(n):
         _deliver(qpos, passive, joints, i, b, dv[i], step, masses[i], radius)

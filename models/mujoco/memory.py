@@ -20,9 +20,9 @@ ALL: Final = 1 << 30  # size of an array whose own is not asked for
 
 # The table of a world.
 (
-    BALLS, RAILS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, IMPACT, IMPACT_COUNT, DAMPING, DAMPING_COUNT,
+    BALLS, RAILS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, IMPACT, IMPACT_COUNT,
     GEOMS, HOLES, HOLE_COUNT, JOINTS, MASSES, NUMBERS, NATIVE_CLOTH, NATIVE_BALLS, NATIVE_CUSHIONS, TABLE_SIZE,
-) = range(22)  # fmt: skip
+) = range(20)  # fmt: skip
 # Its floats: metres and seconds. Mouths as in models/shot.py, 0 where jaws bound them.
 RADIUS, BASE_STEP, HALF_X, HALF_Y, CORNER_MOUTH, MIDDLE_MOUTH, NET_DEPTH, NUMBER_COUNT = range(8)
 # Of a geom: the number of its ball, or -1 - kind; then the number of the rail, or 4 + that of the jaw. A post is an
@@ -37,12 +37,12 @@ HEAD: Final = SESSION + SESSION_FIELDS
 # pocket takes it.
 ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
 # Of each contact: largest approach speed [m/s], overlap that is nobody's work and largest depth [m], restitution,
-# damping, stiffness over the usual; share of a push that the slate does not return, the speed [m/s] and way [m] down
+# stiffness over the usual; share of a push that the slate does not return, the speed [m/s] and way [m] down
 # that this stands for; compliance and stretches [m] along the face; friction, nose.
 (
-    PEAK, GIVEN, DEEPEST, GIVES_BACK, DAMP, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
+    PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
     DECAY, SINE, CONTACT_MEMORY,
-) = range(17)  # fmt: skip
+) = range(16)  # fmt: skip
 PAST: Final = 8  # of each ball at the last look: place, velocity, spin, angle turned
 WORK: Final = 4 * 10
 

@@ -26,7 +26,7 @@ from numba import types
 from numpy.typing import ArrayLike
 
 from models import record as rec
-from models.analytic.spring import NOSE_RADIUS, damping_table
+from models.analytic.spring import NOSE_RADIUS
 from models.engine.impacts import ask_rows, strike_rows
 from models.engine.play import lay_out
 from models.errors import BadInput
@@ -176,7 +176,7 @@ class World:
         holes = np.ascontiguousarray(pockets.falls) if jaws else np.array([[0.0, 0.0, -1.0]])
         arrays: dict[int, Any] = {
             mem.OWN: game.hooks.own if hooks.own.size else np.zeros((self.rows, 1)), mem.CLOTH: game.cloth,
-            mem.FORCES: hooks.forces, mem.IMPACT: hooks.impact, mem.DAMPING: damping_table(), mem.GEOMS: geoms,
+            mem.FORCES: hooks.forces, mem.IMPACT: hooks.impact, mem.GEOMS: geoms,
             mem.HOLES: holes, mem.JOINTS: self._joints, mem.MASSES: self.masses,
             mem.NUMBERS: np.array([ball.radius, timestep, *game.half[0], *mouths, NET_DEPTH_M]),
         }  # fmt: skip
@@ -188,7 +188,7 @@ class World:
             (mem.BALLS, len(self.names)), (mem.RAILS, 4 + len(pockets.jaws)),
             (mem.OWN_BYTES, arrays[mem.OWN].strides[0]),
             (mem.FORCE_COUNT, len(hooks.forces)), (mem.SUPPORT, hooks.support), (mem.IMPACT_COUNT, len(hooks.impact)),
-            (mem.DAMPING_COUNT, damping_table().shape[1]), (mem.HOLE_COUNT, len(holes) if table_sizes.pockets else 0),
+            (mem.HOLE_COUNT, len(holes) if table_sizes.pockets else 0),
             *((key, int(value)) for key, value in self._native.items()),
         ):  # fmt: skip
             table[key] = count

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.analytic.spring import dampings
 from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
@@ -116,7 +115,7 @@ FROZEN = [(REACH - D - 1e-3, 0), (REACH, 0)]
 def test_both_engines_make_the_same_of_a_cluster(
     places: list[tuple[float, float]], spin: tuple[float, float, float]
 ) -> None:
-    """The same springs in the same steps, but for what MuJoCo's lowest impedance takes of their forces, 1e-4."""
+    """The same springs: steps that begin elsewhere, and balls that MuJoCo turns meanwhile, make the difference."""
     n = len(places)
     v, w = np.zeros((n, 2)), np.zeros((n, 3))
     v[0], w[0] = (1.5, 0.1), spin
@@ -155,12 +154,6 @@ def test_a_break_keeps_its_momentum_and_order(play: Play) -> None:
     assert len({name for e in one.events for name in e.balls}) == 16
     apart = np.linalg.norm(one.position[-1][:, None] - one.position[-1], axis=-1) + np.eye(16)
     assert apart.min() > D - 1e-4
-
-
-@pytest.mark.parametrize("cushion", [False, True])
-def test_dampings_rise_as_restitution_falls(cushion: bool) -> None:
-    found = dampings(cushion, np.linspace(0.05, 0.99, 40))
-    assert np.all(np.diff(found) < 0)
 
 
 @pytest.mark.parametrize("e", [0.5, 0.8, 0.9, 0.98])

@@ -92,7 +92,13 @@ def play(request: pytest.FixtureRequest) -> Play:
     def on(model: Model, shots: list[Shot], **more: Any) -> list[Track]:
         return simulate(dataclasses.replace(model, engine=request.param), shots, **more)
 
+    on.exact = request.param == "events"  # type: ignore[attr-defined]
     return on
+
+
+def is_exact(play: Play) -> bool:
+    """Whether an engine carries balls from event to event in closed form, and not in steps."""
+    return bool(play.exact)  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", SHOTS)
@@ -100,8 +106,8 @@ def test_cloth_follows_the_closed_form(play: Play, name: str) -> None:
     shot = alone(*SHOTS[name])
     place, side = closed_form(shot, *LAW)
     track = play(cloth_model(*LAW), [shot])[0]
-    assert np.abs(track.position[:, 0] - place).max() < 1e-11
-    assert np.abs(track.spin[:, 0, 2] - side).max() < 1e-10
+    assert np.abs(track.position[:, 0] - place).max() < (1e-11 if is_exact(play) else 1e-6)
+    assert np.abs(track.spin[:, 0, 2] - side).max() < (1e-10 if is_exact(play) else 1e-3)
     turned = SHOTS[name][1][2] * TIMES - 0.5 * LAW[2] * np.sign(SHOTS[name][1][2]) * TIMES**2
     spinning = np.abs(SHOTS[name][1][2]) > LAW[2] * TIMES
     assert np.abs(track.theta[spinning, 0] - turned[spinning]).max(initial=0.0) < 1e-7
@@ -123,10 +129,11 @@ def test_slides_agree_with_the_table(
 ) -> None:
     track = play(cloth_model(0.212, 0.0127, 22.0), [alone(v0, w0, np.array([0.0, end]))])[0]
     assert track.position[1, 0] == pytest.approx(place, abs=2e-6)
-    assert track.velocity[1, 0] == pytest.approx(velocity, abs=3e-6)
-    assert track.spin[1, 0, 2] == pytest.approx(side, abs=1e-4)
+    near = 3e-6 if is_exact(play) else 5e-4  # in MuJoCo a slide ends within a step, somewhere
+    assert track.velocity[1, 0] == pytest.approx(velocity, abs=near)
+    assert track.spin[1, 0, 2] == pytest.approx(side, abs=30 * near)
     slip = track.velocity[1, 0] + SNOOKER.radius * track.spin[1, 0, [1, 0]] * [-1, 1]
-    assert np.abs(slip).max() < 1e-5
+    assert np.abs(slip).max() < 4 * near
 
 
 def test_native_contact_is_wrong_by_centimetres_for_a_spinning_ball() -> None:
@@ -170,16 +177,18 @@ def test_times_asked_for_do_not_change_the_shot(play: Play) -> None:
 def test_energy_never_rises(play: Play, model: Model) -> None:
     for track in play(model, break_shots(60, 4, model)):
         seen = energy(track, model.ball)
-        assert np.all(np.diff(seen) <= 1e-9 * seen[0])
+        before = np.maximum(seen[1:-1], seen[:-2])  # a contact of MuJoCo's may hold some for a moment
+        assert np.all(seen[2:] - before <= (1e-9 if is_exact(play) else 1e-3) * seen[0])
 
 
 def test_balls_stay_apart_and_on_the_table(play: Play) -> None:
     reach = CAROM.table.centre_limits(CAROM.ball)
     for track in play(CAROM, break_shots(60, 4)):
-        assert np.all(np.abs(track.position) <= reach + 1e-9)
+        give = 1e-9 if is_exact(play) else 1e-3  # of a contact
+        assert np.all(np.abs(track.position) <= reach + give)
         for i, j in itertools.combinations(range(4), 2):
             gap = np.hypot(*(track.position[:, i] - track.position[:, j]).T) - CAROM.ball.diameter
-            assert gap.min() > -1e-9
+            assert gap.min() > -give
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -210,7 +219,7 @@ def test_a_track_is_smooth_in_a_parameter(play: Play) -> None:
     assert {"ball", "cushion"} <= {kind for kind, _ in next(iter(kinds))}
     ends = np.array([t.position[-1] for t in tracks]).reshape(n, -1)
     assert np.abs(np.diff(ends, axis=0)).max() > 1e-5, "the parameter matters"
-    assert np.abs(np.diff(ends, n=2, axis=0)).max() < 1e-6
+    assert np.abs(np.diff(ends, n=2, axis=0)).max() < (1e-6 if is_exact(play) else 2e-4)
 
 
 def test_events_come_in_order_and_name_their_balls(play: Play) -> None:
