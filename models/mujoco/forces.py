@@ -17,16 +17,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
 from numba import carray
 
 from models import record as rec
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, STILL_SPIN, add_cloth
 from models.analytic.events import DEAD_SPEED, in_mouth
+from models.analytic.pocket import jaw_gap
 from models.analytic.spring import CONTACT_GAP_M
 from models.compiled import compiled, compiled_in_place
 from models.effect import STILL as NATIVE_SLIP
 from models.engine import columns as col
 from models.engine.curve import push
+from models.engine.impacts import RAIL_OF_JAW
+from models.engine.touch import MOUTH_DEPTH_M
 from models.mujoco import layout as at
 from models.mujoco import memory as mem
 from models.mujoco.contact import FREE_ACCELERATION, STEP_S, meet, read_contact, set_row, slot
@@ -36,12 +40,16 @@ from models.shot import GRAVITY, SESSION_FIELDS
 TOOL_STEP_S: Final = 1e-5  # while something else touches a ball [s]
 TOOL_SPEED: Final = 5.0  # at which that may come, at most [m/s]
 NATIVE_STEP_S: Final = 1e-4  # in contacts with MuJoCo's own terms [s]
+LEAN_STEP_S: Final = 2e-4  # while what moves may be driven into what it all but touches, at no speed yet [s]
+TOUCH_M: Final = 1e-6  # gap of such bodies [m]
 CALM_STEP_S: Final = 2e-5  # while balls only lean on each other or on a cushion [s]
 NEAR_M: Final = 0.02  # gap up to which MuJoCo reports what may meet: more than any ball's way in a step [m]
 MAX_PHASES: Final = 6  # of a step: the ends of a slide, of a roll, of sidespin
+SUPPORT_MARGIN_M: Final = 1e-7  # gap below which the slate carries a ball [m]
 LIFTED_M: Final = 1e-6  # below its height on the slate: a ball that falls and comes back to this lies there again [m]
 SUNK_M: Final = 3e-3  # below its height on the slate, from which a ball is the pocket's [m]
 NET_TIME_S: Final = 0.03  # in which a net stops what falls into it [s]
+FACINGS_FROM: Final = 12  # number of the first facing among the jaws
 SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was to lead [s]
 
 
@@ -142,8 +150,12 @@ def _has_no_slate(table, numbers, holes, x, y, z):  # type: ignore[no-untyped-de
     """Whether a ball's centre has no slate below it, or is below where it holds one."""
     if z < numbers[mem.RADIUS] - SUNK_M:
         return True
-    if table[mem.HOLE_COUNT] == 1 and holes[0, 2] < 0.0:  # all beyond the nose lines
-        return abs(x) > numbers[mem.HALF_X] or abs(y) > numbers[mem.HALF_Y]
+    if (
+        numbers[mem.CORNER_MOUTH] > 0.0
+        and table[mem.JAW_COUNT] == 0
+        and (abs(x) > numbers[mem.HALF_X] or abs(y) > numbers[mem.HALF_Y])
+    ):
+        return True  # without jaws, a pocket is all beyond the nose lines
     for k in range(table[mem.HOLE_COUNT]):
         dx, dy = x - holes[k, 0], y - holes[k, 1]
         if dx * dx + dy * dy < holes[k, 2] * holes[k, 2]:
@@ -151,15 +163,33 @@ def _has_no_slate(table, numbers, holes, x, y, z):  # type: ignore[no-untyped-de
     return False
 
 
-@compiled_in_place
+@compiled
 def _is_idle(table, numbers, balls, b, i, j, kind):  # type: ignore[no-untyped-def]
     """Whether what meets does not act: balls in pockets, and a rail where it ends in a mouth."""
     if balls[i, mem.SUNK] > 0.0 or (kind == mem.BALL and balls[j, mem.SUNK] > 0.0):
         return True
-    if kind != mem.NOSE or j >= 4 or numbers[mem.CORNER_MOUTH] == 0.0 or balls[i, mem.STAYS] > 0.0:
+    if kind == mem.BALL or numbers[mem.CORNER_MOUTH] == 0.0 or balls[i, mem.STAYS] > 0.0:
         return False
-    half = numbers[mem.HALF_X : mem.HALF_Y + 1]
-    return in_mouth(b[i, 1 - j // 2], j, half, numbers[mem.CORNER_MOUTH : mem.MIDDLE_MOUTH + 1])
+    half, ends = numbers[mem.HALF_X : mem.HALF_Y + 1], numbers[mem.CORNER_MOUTH : mem.MIDDLE_MOUTH + 1]
+    if j < 4:
+        return in_mouth(b[i, 1 - j // 2], j, half, ends)
+    arcs = table[mem.JAW_COUNT] if table[mem.JAW_COUNT] < FACINGS_FROM else FACINGS_FROM
+    if j - 4 >= arcs:
+        return False
+    # An arc goes on from its cushion, and a facing from the arc: a ball meets one of them at a time.
+    rail = RAIL_OF_JAW[j - 4]
+    if not in_mouth(b[i, 1 - rail // 2], rail, half, ends):
+        return True
+    jaws = carray(mem.doubles(table[mem.JAWS]), (table[mem.JAW_COUNT], 5))
+    return table[mem.JAW_COUNT] > arcs and jaw_gap(jaws[j - 4 + arcs], b[i, col.X], b[i, col.Y]) < np.inf
+
+
+@compiled_in_place
+def _comes_from_a_mouth(table, numbers, ball, kept, kind, j, gap):  # type: ignore[no-untyped-def]
+    """Whether a ball is suddenly deep in a rail: it comes from aside, from a mouth, and is the pocket's."""
+    if kind != mem.NOSE or table[mem.JAW_COUNT] > 0 or numbers[mem.CORNER_MOUTH] == 0.0 or ball[mem.STAYS] > 0.0:
+        return False
+    return gap < -MOUTH_DEPTH_M and kept[mem.PEAK] == 0.0 and kept[mem.GIVEN] == 0.0
 
 
 @compiled_in_place
@@ -188,6 +218,9 @@ def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, 
             closing -= (b[j, col.VX] * nx + b[j, col.VY] * ny) * level
         least = NATIVE_STEP_S if _is_native(table, kind) else STEP_S
         if gap >= -CONTACT_GAP_M:
+            still = _is_still(b[i]) and (kind != mem.BALL or _is_still(b[j]))
+            if gap < TOUCH_M and closing > -DEAD_SPEED and not still:
+                step = min(step, LEAN_STEP_S)
             if closing > 0.0:
                 step = min(step, max(0.5 * gap / closing, least))
         elif least == NATIVE_STEP_S:
@@ -324,10 +357,16 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             continue
         line = mem.ints(place + o[at.CONTACT_ROW])[0]
         if kind == mem.SLATE:
-            if balls[i, mem.SUNK] > 0.0 and line >= 0 and gap < 0.0:
-                set_row(kbip, line, gap, -FREE_ACCELERATION)
+            if balls[i, mem.SUNK] > 0.0 and line >= 0 and gap < SUPPORT_MARGIN_M:
+                set_row(kbip, line, gap - SUPPORT_MARGIN_M, -FREE_ACCELERATION)
         elif _is_idle(table, numbers, balls, b, i, j, kind):
             if line >= 0 and gap < 0.0:
+                set_row(kbip, line, gap, -FREE_ACCELERATION)
+        elif _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, rails, i, j, kind)], kind, j, gap):
+            balls[i, mem.SUNK] = 1.0
+            if fresh and record_at != 0:
+                note(record_at, n, now, mem.EVENT_POCKET, i, 0, b[i])
+            if line >= 0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif not _is_native(table, kind):
             new = meet(

@@ -33,7 +33,7 @@ from models.errors import BadInput
 from models.mjcf.world import build_spec
 from models.mujoco import layout
 from models.mujoco import memory as mem
-from models.mujoco.forces import NEAR_M, act
+from models.mujoco.forces import NEAR_M, SUPPORT_MARGIN_M, act
 from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, UNKNOWN_SESSION, Array, Session
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ STEP_S: Final = 1e-3  # the longest, unless said otherwise [s]
 NET_DEPTH_M: Final = 1.0  # below the slate, at which balls out of play hang: under the floor of a furnished table [m]
 STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] that are none: rounding, and what a stiff slate leaves
 WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
+SUPPORT: Final = "support"  # geom that carries balls, where there is slate
 POST_HALF_HEIGHT_M: Final = 0.05  # of what stands for the arc of a jaw [m]
 LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # of contacts whose force the callback gives, and of the slate
 SLATE_TIME_S: Final = 0.004  # in which the slate lifts what has sunk into it [s]
@@ -101,8 +102,8 @@ class World:
         for name, mass in zip(self.names, self.masses, strict=True):
             body = self.spec.body(name)
             body.mass, body.inertia = mass, [0.4 * mass * model.ball.radius**2] * 3
-        self.mj_model: mujoco.MjModel = self.spec.compile()
-        self._connect(timestep)
+        self._timestep = timestep
+        self.recompile()
 
     def _spec(
         self, effects: Sequence[Any], timestep: float, furnished: bool, marked: bool, pockets: Pockets
@@ -116,13 +117,13 @@ class World:
                 spec.delete(geom)
         for pair in list(spec.pairs):
             spec.delete(pair)
-        spec.worldbody.add_geom(name="slate", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4)
+        spec.worldbody.add_geom(name=SUPPORT, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4)
         self._noses = noses = _add_noses(spec, table.length / 2, table.width / 2, ball.radius, pockets)
         soft = [LOW_IMPEDANCE, LOW_IMPEDANCE, 0.001, 0.5, 2.0]
         for number, name in enumerate(self.names):
             one = f"ball {name}"
             spec.geom(one).contype = spec.geom(one).conaffinity = 2  # for what a user adds with these bits
-            self._pair(spec, "ball_bed", one, "slate", [HIGH_IMPEDANCE, HIGH_IMPEDANCE, 0.001, 0.5, 2.0])
+            self._pair(spec, "ball_bed", one, SUPPORT, [HIGH_IMPEDANCE, HIGH_IMPEDANCE, 0.001, 0.5, 2.0])
             for other in self.names[number + 1 :]:
                 self._pair(spec, "ball_ball", one, f"ball {other}", soft)
             for nose, _, _ in noses:
@@ -141,7 +142,9 @@ class World:
         key = {"ball_bed": mem.NATIVE_CLOTH, "ball_ball": mem.NATIVE_BALLS, "ball_cushion": mem.NATIVE_CUSHIONS}[kind]
         if not self._native[key]:
             pair.condim, pair.solimp, pair.solref = 1, impedance, [SLATE_TIME_S, 1.0]
-        if kind != "ball_bed":
+        if kind == "ball_bed":
+            pair.margin = SUPPORT_MARGIN_M
+        else:
             pair.gap = NEAR_M
 
     def _masses(self) -> Array:
@@ -159,6 +162,14 @@ class World:
             factor = hit[:, rec.MASS_FIRST]
         return np.asarray(factor * self.model.ball.mass)
 
+    def recompile(self) -> None:
+        """Compile `spec` into `mj_model` once more, after something has been added to it.
+
+        What is to touch balls takes part in collisions by bit 2: contype and conaffinity of 2.
+        """
+        self.mj_model: mujoco.MjModel = self.spec.compile()
+        self._connect(self._timestep)
+
     def _connect(self, timestep: float) -> None:
         """Lay out what the callback reads, and lead the model to it."""
         game, compiled_model, ball = self._game, self.mj_model, self.model.ball
@@ -168,16 +179,17 @@ class World:
         geoms = np.full((compiled_model.ngeom, 2), -1 - mem.TOOL, np.int64)
         for number, name in enumerate(self.names):
             geoms[compiled_model.geom(f"ball {name}").id] = number, 0
-        geoms[compiled_model.geom("slate").id] = -1 - mem.SLATE, 0
+        geoms[compiled_model.geom(SUPPORT).id] = -1 - mem.SLATE, 0
         for name, kind, rail in self._noses:
             geoms[compiled_model.geom(name).id] = -1 - kind, rail
         jaws = bool(len(pockets.jaws))
-        mouths = [0.0, 0.0] if jaws or not table_sizes.pockets else table_sizes.mouths()[:2]
-        holes = np.ascontiguousarray(pockets.falls) if jaws else np.array([[0.0, 0.0, -1.0]])
+        mouths = (pockets.ends if jaws else table_sizes.mouths())[:2]
+        holes = pockets.falls if jaws else np.insert(table_sizes.corners(), 2, table_sizes.mouths()[2], axis=1)
         arrays: dict[int, Any] = {
             mem.OWN: game.hooks.own if hooks.own.size else np.zeros((self.rows, 1)), mem.CLOTH: game.cloth,
             mem.FORCES: hooks.forces, mem.IMPACT: hooks.impact, mem.GEOMS: geoms,
-            mem.HOLES: holes, mem.JOINTS: self._joints, mem.MASSES: self.masses,
+            mem.HOLES: holes, mem.JAWS: pockets.jaws if jaws else np.zeros((1, 5)), mem.JOINTS: self._joints,
+            mem.MASSES: self.masses,
             mem.NUMBERS: np.array([ball.radius, timestep, *game.half[0], *mouths, NET_DEPTH_M]),
         }  # fmt: skip
         arrays = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
@@ -185,7 +197,7 @@ class World:
         for key, value in arrays.items():
             table[key] = value.ctypes.data
         for key, count in (
-            (mem.BALLS, len(self.names)), (mem.RAILS, 4 + len(pockets.jaws)),
+            (mem.BALLS, len(self.names)), (mem.RAILS, 4 + len(pockets.jaws)), (mem.JAW_COUNT, len(pockets.jaws)),
             (mem.OWN_BYTES, arrays[mem.OWN].strides[0]),
             (mem.FORCE_COUNT, len(hooks.forces)), (mem.SUPPORT, hooks.support), (mem.IMPACT_COUNT, len(hooks.impact)),
             (mem.HOLE_COUNT, len(holes) if table_sizes.pockets else 0),

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.analytic.spring import damping_table
 from models.compiled import compiled, compiled_within
 from models.engine.impacts import deliver
 from models.engine.loop import ROW_SIZE, play_shot, workspace
@@ -166,7 +165,7 @@ def residuals(
     if k == 0:
         return out
     game = layout.game(c)
-    hooks, pockets, table = game.hooks, game.pockets, damping_table()
+    hooks, pockets = game.hooks, game.pockets
     faults = np.zeros(k, np.int64)
     ends = np.zeros((0, 0, 0)) if ends is None else ends
     x = np.ascontiguousarray(x)
@@ -179,7 +178,7 @@ def residuals(
             samples.theta, samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own,
             hooks.forces, hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures,
             game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls,
-            table, out, faults, ends,
+            out, faults, ends,
         )  # fmt: skip
 
     over_threads(part, k)
@@ -261,7 +260,7 @@ def _write_row(  # type: ignore[no-untyped-def]
 def residual_rows(  # type: ignore[no-untyped-def]
     first, last, x, which, stamps, begun, azimuth, session, struck, balls, moving, rest, stays, count, at, xy, theta,
     trusted, sd, sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass,
-    radius, span, half, mouths, jaws, falls, table, out, faults, ends,
+    radius, span, half, mouths, jaws, falls, out, faults, ends,
 ):  # fmt: skip
     """See `residuals`. Flat arguments, since compiled code takes no objects."""
     most = rest.shape[1]
@@ -305,7 +304,7 @@ def residual_rows(  # type: ignore[no-untyped-def]
         # Where the engine ends a shot early, its balls stay where they were.
         play_shot(
             work, start[:n], stays[w, :n], launch, session[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius[row], span[row], half[row], mouths, jaws, falls, table, True, looked[seen - 1], MAX_EVENTS,
+            mass, radius[row], span[row], half[row], mouths, jaws, falls, True, looked[seen - 1], MAX_EVENTS,
             looked, track[:seen, :n], log, who, counts, potted[:n],
         )  # fmt: skip
         if ends.shape[0] > 0:

@@ -54,7 +54,7 @@ def test_an_impact_takes_half_a_period_to_load_and_less_to_unload() -> None:
 
 @pytest.mark.parametrize("cushion", [False, True])
 def test_what_gives_nothing_back_comes_to_rest(cushion: bool) -> None:
-    assert contact(cushion, 5e-4, 0.0)[1] < 0.05
+    assert contact(cushion, 5e-4, 0.0)[1] < 0.1
     assert contact(cushion, 1.0, 0.5 * MIN_GIVEN_BACK)[1] == pytest.approx(MIN_GIVEN_BACK, abs=0.02)
 
 
