@@ -45,22 +45,23 @@ def cushion_step(
 ) -> None:  # fmt: skip
     """One step of normal impulse dp at the nose, which meets the ball at an elevation of this sine.
 
-    s[5], out[5]: speed at which the ball goes down, of whose momentum the slate does not return the share `sink`.
+    With a share `sink` of the ball's momentum downwards that the slate does not return, s[5] and out[5] are the speed
+    at which it goes down; without one they are not looked at.
     `hold`: whether the friction at the nose is known, and its impulses along the cushion and up the face.
     """
-    cosine = math.sqrt(1.0 - sine * sine)
+    cosine, down = math.sqrt(1.0 - sine * sine), (s[5] if sink > 0.0 else 0.0)
     mu, mu_cloth, m, r = law
     k = 5.0 / (2.0 * m * r)
     nose, bed = (3.5 / m, (2.5 + sine**2 + sink * cosine**2) / m), (3.5 / m, 3.5 / m)
     va, vb, wa, wb, wz = s[0], s[1] - dp * cosine / m, s[2], s[3], s[4]
-    x0, y0 = s[0] + r * (wb * sine - wz * cosine), -s[1] * sine - s[5] * cosine + r * wa
+    x0, y0 = s[0] + r * (wb * sine - wz * cosine), -s[1] * sine - down * cosine + r * wa
     c0, d0 = s[0] - r * wb, s[1] + r * wa
     fx, fy = hold[1], hold[2]
     ga = gb = 0.0
     for _ in range(MAX_SWEEPS):
         if not hold[0]:
             x1 = va + ga / m + r * ((wb - k * ga) * sine - wz * cosine)
-            y1 = -(vb + gb / m) * sine - (s[5] + sink * dp * sine / m) * cosine + r * (wa + k * gb)
+            y1 = -(vb + gb / m) * sine - (down + sink * dp * sine / m) * cosine + r * (wa + k * gb)
             fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
         c1 = va + fx / m - r * (wb + k * fx * sine)
         d1 = vb - fy * sine / m + r * (wa + k * fy)
@@ -74,7 +75,8 @@ def cushion_step(
     out[2] = wa + k * (fy + gb)
     out[3] = wb + k * (fx * sine - ga)
     out[4] = wz - k * fx * cosine
-    out[5] = s[5] + sink * (dp * sine - fy * cosine) / m
+    if sink > 0.0:
+        out[5] = down + sink * (dp * sine - fy * cosine) / m
 
 
 @compiled_in_place

@@ -155,7 +155,7 @@ def press(  # type: ignore[no-untyped-def]
         dv[ball, 2] += wa * ax + wb * bx
         dv[ball, 3] += wa * ay + wb * by
         dv[ball, 4] += out[o + 4] - s[o + 4]
-    return out[5] if cushion else 0.0
+    return out[5] if cushion and sink > 0.0 else 0.0
 
 
 @compiled_in_place

@@ -25,7 +25,7 @@ from models.analytic.spring import (
 from models.compiled import compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, press
-from models.engine.impacts import ask, describe
+from models.engine.impacts import RAIL_OF_JAW, ask, describe
 from models.mujoco import layout as at
 from models.mujoco.memory import (
     BALL,
@@ -39,7 +39,9 @@ from models.mujoco.memory import (
     LOWERED,
     MU,
     NOSE,
+    PART,
     PEAK,
+    RAILS,
     SINE,
     SINK,
     SOFT,
@@ -88,9 +90,11 @@ def read_contact(place, o, geoms):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def slot(n, rails, i, j, kind):  # type: ignore[no-untyped-def]
-    """Where a contact is remembered: of balls i < j, or of ball i with rail or jaw j."""
-    return j * (j - 1) // 2 + i if kind == BALL else n * (n - 1) // 2 + i * rails + j
+def slot(n, i, j, kind):  # type: ignore[no-untyped-def]
+    """Where a contact is remembered: of balls i < j, or of ball i with the rail that j is or that jaw j goes on from."""
+    if kind == BALL:
+        return j * (j - 1) // 2 + i
+    return n * (n - 1) // 2 + i * RAILS + (j if j < RAILS else RAIL_OF_JAW[j - RAILS])
 
 
 @compiled_in_place
@@ -104,12 +108,14 @@ def meet(  # type: ignore[no-untyped-def]
     """
     cushion = kind != BALL
     if gap > -CONTACT_GAP_M:
-        for k in range(CONTACT_MEMORY):
-            kept[k] = 0.0
+        if not cushion or kept[PART] == j + 1:  # not where a ball has gone on to another part of the rail
+            for k in range(CONTACT_MEMORY):
+                kept[k] = 0.0
         if row >= 0 and gap < 0.0:
             set_row(kbip, row, gap, -FREE_ACCELERATION)
         return False
     new, passes = False, step if fresh else 0.0
+    kept[PART] = j + 1
     approach = b[i, col.VX] * nx + b[i, col.VY] * ny
     if not cushion:
         approach -= b[j, col.VX] * nx + b[j, col.VY] * ny

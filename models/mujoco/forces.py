@@ -44,6 +44,7 @@ LEAN_STEP_S: Final = 2e-4  # while what moves may be driven into what it all but
 TOUCH_M: Final = 1e-6  # gap of such bodies [m]
 CALM_STEP_S: Final = 2e-5  # while balls only lean on each other or on a cushion [s]
 NEAR_M: Final = 0.02  # gap up to which MuJoCo reports what may meet: more than any ball's way in a step [m]
+NATIVE: Final = -1  # how a ball moves on MuJoCo's own cloth, for which nothing else is asked
 MAX_PHASES: Final = 6  # of a step: the ends of a slide, of a roll, of sidespin
 SUPPORT_MARGIN_M: Final = 1e-7  # gap below which the slate carries a ball [m]
 LIFTED_M: Final = 1e-6  # below its height on the slate: a ball that falls and comes back to this lies there again [m]
@@ -54,28 +55,37 @@ SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was 
 
 
 @compiled_in_place
+def _look(r, where, own, forces, support, cloth, mode, vx, vy, wx, wy, wz):  # type: ignore[no-untyped-def]
+    """Let cloth and effects act on a ball of this velocity and spin: the record's AX to BZ."""
+    ux, uy = vx - r[rec.RADIUS] * wy, vy + r[rec.RADIUS] * wx
+    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
+    r[rec.VX], r[rec.VY], r[rec.WX], r[rec.WY], r[rec.WZ] = vx, vy, wx, wy, wz
+    r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLING] = ux, uy, (1.0 if mode == ROLLING else 0.0)
+    push(r, where, own, forces, support)
+    if mode == NATIVE:
+        return
+    over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
+    add_cloth(r, mode, u, ux * over, uy * over, vx * per, vy * per, wz, cloth[0], cloth[1], cloth[2])
+
+
+@compiled_in_place
 def _coast(r, where, b, own, forces, support, cloth, native, h, dv):  # type: ignore[no-untyped-def]
     """What cloth and effects change of one ball's velocity and spin within h, into dv (5,); returns whether it rolls.
 
-    `native`: whether the cloth is MuJoCo's own contact.
+    `native`: whether the cloth is MuJoCo's own contact. Where effects push, they are looked at in the middle again.
     """
     radius = r[rec.RADIUS]
     vx, vy, wx, wy, wz = b[col.VX], b[col.VY], b[col.WX], b[col.WY], b[col.WZ]
     rolls, left = False, h
-    for phase in range(MAX_PHASES):
+    for _ in range(MAX_PHASES):
         ux, uy = vx - radius * wy, vy + radius * wx
         u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
-        mode = SLIDING if u > (NATIVE_SLIP if native else STILL_SPEED) else (ROLLING if v > STILL_SPEED else RESTING)
-        r[rec.VX], r[rec.VY], r[rec.WX], r[rec.WY], r[rec.WZ] = vx, vy, wx, wy, wz
-        r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLING] = ux, uy, (1.0 if mode == ROLLING else 0.0)
-        push(r, where, own, forces, support)
-        rolls = rolls or mode == ROLLING
+        mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
         if native:
-            vx, vy = vx + h * r[rec.AX], vy + h * r[rec.AY]
-            wx, wy, wz = wx + h * r[rec.BX], wy + h * r[rec.BY], wz + h * r[rec.BZ]
-            break
-        over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-        add_cloth(r, mode, u, ux * over, uy * over, vx * per, vy * per, wz, cloth[0], cloth[1], cloth[2])
+            mode = NATIVE if u > NATIVE_SLIP or v <= NATIVE_SLIP else ROLLING
+        rolls = rolls or mode == ROLLING
+        mode = NATIVE if native else mode
+        _look(r, where, own, forces, support, cloth, mode, vx, vy, wx, wy, wz)
         ax, ay, bx, by, bz = r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY], r[rec.BZ]
         span, slides, stops, spins = left, False, False, False
         if mode == SLIDING:
@@ -86,12 +96,18 @@ def _coast(r, where, b, own, forces, support, cloth, native, h, dv):  # type: ig
             closing = -(vx * ax + vy * ay)
             if closing > 0.0 and v * v <= closing * span:
                 span, stops = v * v / closing, True
-        elif ax == 0.0 and ay == 0.0:
+        elif mode == RESTING and ax == 0.0 and ay == 0.0:
             stops = True  # what is left of a motion is none
-        if abs(wz) > STILL_SPIN and wz * bz < 0.0 and abs(wz) <= abs(bz) * span:
-            span, slides, stops, spins = abs(wz / bz), False, stops and mode == RESTING, True
-        elif abs(wz) <= STILL_SPIN and bz == 0.0:
-            spins = True
+        if mode != NATIVE:
+            if abs(wz) > STILL_SPIN and wz * bz < 0.0 and abs(wz) <= abs(bz) * span:
+                span, slides, stops, spins = abs(wz / bz), False, stops and mode == RESTING, True
+            elif abs(wz) <= STILL_SPIN and bz == 0.0:
+                spins = True
+        if forces.shape[0] > 0 and not (slides or stops or spins):
+            f = 0.5 * span
+            _look(r, where, own, forces, support, cloth, mode, vx + f * ax, vy + f * ay, wx + f * bx, wy + f * by,
+                  wz + f * bz)  # fmt: skip
+            ax, ay, bx, by, bz = r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY], r[rec.BZ]
         vx, vy, wx, wy, wz = vx + span * ax, vy + span * ay, wx + span * bx, wy + span * by, wz + span * bz
         if slides:
             wx, wy = -vy / radius, vx / radius
@@ -100,7 +116,7 @@ def _coast(r, where, b, own, forces, support, cloth, native, h, dv):  # type: ig
         if spins:
             wz = 0.0
         left -= span
-        if left <= 0.0 or phase == MAX_PHASES - 1:
+        if left <= 0.0:
             break
     dv[0] += vx - b[col.VX]
     dv[1] += vy - b[col.VY]
@@ -168,8 +184,10 @@ def _is_idle(table, numbers, balls, b, i, j, kind):  # type: ignore[no-untyped-d
     """Whether what meets does not act: balls in pockets, and a rail where it ends in a mouth."""
     if balls[i, mem.SUNK] > 0.0 or (kind == mem.BALL and balls[j, mem.SUNK] > 0.0):
         return True
-    if kind == mem.BALL or numbers[mem.CORNER_MOUTH] == 0.0 or balls[i, mem.STAYS] > 0.0:
+    if kind == mem.BALL or numbers[mem.CORNER_MOUTH] == 0.0:
         return False
+    if balls[i, mem.STAYS] > 0.0:  # for it, cushions go on
+        return j >= 4
     half, ends = numbers[mem.HALF_X : mem.HALF_Y + 1], numbers[mem.CORNER_MOUTH : mem.MIDDLE_MOUTH + 1]
     if j < 4:
         return in_mouth(b[i, 1 - j // 2], j, half, ends)
@@ -199,7 +217,7 @@ def _is_native(table, kind):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, rails, before):  # type: ignore[no-untyped-def]
+def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, before):  # type: ignore[no-untyped-def]
     """How long the next step is [s]: at most twice the one before, and half of the way to the next touch."""
     step = numbers[mem.BASE_STEP]
     if before > 0.0:
@@ -226,7 +244,7 @@ def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, 
         elif least == NATIVE_STEP_S:
             step = min(step, least)
         else:
-            one = kept[slot(n, rails, i, j, kind)]
+            one = kept[slot(n, i, j, kind)]
             if closing > DEAD_SPEED or -gap - one[mem.GIVEN] > CONTACT_GAP_M:
                 calm = abs(closing) < DEAD_SPEED and one[mem.PEAK] < DEAD_SPEED
                 slower = 1.0 / math.sqrt(one[mem.STIFFNESS]) if one[mem.STIFFNESS] > 0.0 else 1.0
@@ -258,7 +276,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     """
     o, table = carray(mem.longs(where), at.OFFSETS), carray(mem.longs(table_at), mem.TABLE_SIZE)
     numbers = carray(mem.doubles(table[mem.NUMBERS]), mem.NUMBER_COUNT)
-    n, rails, radius = table[mem.BALLS], table[mem.RAILS], numbers[mem.RADIUS]
+    n, radius = table[mem.BALLS], numbers[mem.RADIUS]
     qpos = carray(mem.doubles(mem.longs(data + o[at.DATA_QPOS])[0]), mem.ALL)
     qvel = carray(mem.doubles(mem.longs(data + o[at.DATA_QVEL])[0]), mem.ALL)
     passive = carray(mem.doubles(mem.longs(data + o[at.DATA_PASSIVE])[0]), mem.ALL)
@@ -266,15 +284,15 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     head = carray(mem.doubles(memory_at), mem.HEAD)
     now = mem.doubles(data + o[at.DATA_TIME])[0]
     joints = carray(mem.longs(table[mem.JOINTS]), (n, 2))
-    masses = carray(mem.doubles(table[mem.MASSES]), n)
     row = int(head[mem.ROW])
+    masses = carray(mem.doubles(table[mem.MASSES] + 8 * n * row), n)
     own = table[mem.OWN] + row * table[mem.OWN_BYTES]
     cloth = carray(mem.doubles(table[mem.CLOTH] + 24 * row), 3)
     forces = carray(mem.longs(table[mem.FORCES]), (table[mem.FORCE_COUNT], 2))
     impact = carray(mem.longs(table[mem.IMPACT]), (table[mem.IMPACT_COUNT], 2))
     geoms = carray(mem.longs(table[mem.GEOMS]), (mem.ALL, 2))
     holes = carray(mem.doubles(table[mem.HOLES]), (mem.ALL, 3))
-    contacts = n * (n - 1) // 2 + n * rails
+    contacts = n * (n - 1) // 2 + n * mem.RAILS
     begin = memory_at + 8 * mem.HEAD
     balls = carray(mem.doubles(begin), (n, mem.BALL_MEMORY))
     begin += 8 * n * mem.BALL_MEMORY
@@ -325,7 +343,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     kbip = carray(mem.doubles(mem.longs(data + o[at.DATA_KBIP])[0]), (mem.ALL, 4))
     weights = mem.doubles(mem.longs(data + o[at.DATA_D])[0])
     before = head[mem.STEP_BEFORE]
-    step = _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, rails, before)
+    step = _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, before)
     head[mem.STEP] = step
     carray(mem.doubles(model + o[at.MODEL_TIMESTEP]), 1)[0] = step
 
@@ -362,7 +380,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
         elif _is_idle(table, numbers, balls, b, i, j, kind):
             if line >= 0 and gap < 0.0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
-        elif _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, rails, i, j, kind)], kind, j, gap):
+        elif _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, i, j, kind)], kind, j, gap):
             balls[i, mem.SUNK] = 1.0
             if fresh and record_at != 0:
                 note(record_at, n, now, mem.EVENT_POCKET, i, 0, b[i])
@@ -370,7 +388,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif not _is_native(table, kind):
             new = meet(
-                kept[slot(n, rails, i, j, kind)], b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact,
+                kept[slot(n, i, j, kind)], b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact,
                 session, r[rec.TIME], radius, cloth[0], masses, step, dv, work, kbip, weights[max(line, 0)], line,
                 fresh,
             )  # fmt: skip

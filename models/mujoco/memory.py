@@ -20,14 +20,15 @@ ALL: Final = 1 << 30  # size of an array whose own is not asked for
 
 # The table of a world.
 (
-    BALLS, RAILS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, IMPACT, IMPACT_COUNT, GEOMS, JAWS, JAW_COUNT,
+    BALLS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, IMPACT, IMPACT_COUNT, GEOMS, JAWS, JAW_COUNT,
     HOLES, HOLE_COUNT, JOINTS, MASSES, NUMBERS, NATIVE_CLOTH, NATIVE_BALLS, NATIVE_CUSHIONS, TABLE_SIZE,
-) = range(22)  # fmt: skip
+) = range(21)  # fmt: skip
 # Its floats: metres and seconds. Straight cushions end at mouths or jaws, so far from a corner and from a middle.
 RADIUS, BASE_STEP, HALF_X, HALF_Y, CORNER_MOUTH, MIDDLE_MOUTH, NET_DEPTH, NUMBER_COUNT = range(8)
 # Of a geom: the number of its ball, or -1 - kind; then the number of the rail, or 4 + that of the jaw. A post is an
 # upright cylinder. BALL is the kind of a contact between two balls.
 BALL, SLATE, NOSE, POST, TOOL = -1, 0, 1, 2, 3
+RAILS: Final = 4
 
 # The memory of a simulation begins with: the row of its parameters, the address of what records it, or 0, the time and
 # step of its last look, the step before that, when the strike was, its speed, and the shot's session.
@@ -36,13 +37,14 @@ HEAD: Final = SESSION + SESSION_FIELDS
 # Of each ball: angles rolled and turned, by how much more after this step, whether it has no slate below it, whether no
 # pocket takes it.
 ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
-# Of each contact: largest approach speed [m/s], overlap that is nobody's work and largest depth [m], restitution,
-# stiffness over the usual; share of a push that the slate does not return, the speed [m/s] and way [m] down
-# that this stands for; compliance and stretches [m] along the face; friction, nose.
+# Of each contact: of a rail, what part of it touches, 1 + its number; largest approach speed [m/s], overlap that is
+# nobody's work and largest depth [m], restitution, stiffness over the usual; share of a push that the slate does not
+# return, the speed [m/s] and way [m] down that this stands for; compliance and stretches [m] along the face; friction,
+# nose.
 (
-    PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
+    PART, PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
     DECAY, SINE, CONTACT_MEMORY,
-) = range(16)  # fmt: skip
+) = range(17)  # fmt: skip
 PAST: Final = 8  # of each ball at the last look: place, velocity, spin, angle turned
 WORK: Final = 4 * 10
 
@@ -53,16 +55,16 @@ EVENT: Final = 6  # time, kind, ball, other, place of the ball
 EVENT_BALL, EVENT_CUSHION, EVENT_POCKET = 0, 1, 2  # in the order of models/engine/play.py
 
 
-def contact_count(balls: int, rails: int) -> int:
-    """How many contacts are remembered: of each two balls, and of each ball with each rail and jaw."""
-    return balls * (balls - 1) // 2 + balls * rails
+def contact_count(balls: int) -> int:
+    """How many contacts are remembered: of each two balls, and of each ball with each rail and what goes on from it."""
+    return balls * (balls - 1) // 2 + balls * RAILS
 
 
-def memory_size(balls: int, rails: int) -> int:
+def memory_size(balls: int) -> int:
     """How many numbers a simulation remembers, with room for work."""
     each = BALL_MEMORY + PAST + col.COLUMN_COUNT + 5
     work = rec.BALL_FIELDS + rec.IMPACT_FIELDS + WORK
-    return HEAD + balls * each + contact_count(balls, rails) * CONTACT_MEMORY + work
+    return HEAD + balls * each + contact_count(balls) * CONTACT_MEMORY + work
 
 
 def record_size(times: int, balls: int, events: int) -> int:

@@ -79,6 +79,7 @@ def _play(model: Model, shots: Sequence[Shot], threads: int, jaws: bool) -> list
     batch = mujoco.batch.Batch(world.mj_model, count, nthread=threads)
     batch.expand("opt.timestep")
     _vary(batch, model, names, count, jaws)
+    _weigh(batch, world)
     n = len(names)
     qpos, qvel = batch.bind("qpos").reshape(count, n, 7), batch.bind("qvel").reshape(count, n, 6)
     kept = batch.bind("userdata")
@@ -160,6 +161,16 @@ def _track(shot: Shot, record: Array, n: int, room: int, jaws: bool) -> Track:
     return Track(
         shot.names, shot.times, data[..., :2], data[..., 2:4], data[..., 4:7], data[..., 7], tuple(happened)
     )  # fmt: skip
+
+
+def _weigh(batch: Any, world: World) -> None:
+    """Give each simulation the masses of its own balls, where they differ."""
+    if (world.masses == world.masses[0]).all():
+        return
+    bodies = [world.mj_model.body(name).id for name in world.names]
+    batch.expand("body_mass")[:, bodies] = world.masses
+    batch.expand("body_inertia")[:, bodies] = (0.4 * world.model.ball.radius**2 * world.masses)[:, :, None]
+    batch.set_const()
 
 
 def _vary(batch: Any, model: Model, names: Sequence[str], count: int, jaws: bool) -> None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import ctypes
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
@@ -34,7 +34,7 @@ from models.mjcf.world import build_spec
 from models.mujoco import layout
 from models.mujoco import memory as mem
 from models.mujoco.forces import NEAR_M, SUPPORT_MARGIN_M, act
-from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, UNKNOWN_SESSION, Array, Session
+from models.shot import NOSE_COSINE, NOSE_SINE, RAIL_NAMES, SESSION_FIELDS, UNKNOWN_SESSION, Array, Session
 
 if TYPE_CHECKING:
     from models.analytic.pocket import Pockets
@@ -99,7 +99,7 @@ class World:
         self._native = dict(zip(native, (not cloth, "ball" not in resolved, "cushion" not in resolved), strict=True))
         self.spec = self._spec(effects, timestep, furnished, marked, game.pockets)
         self.masses = self._masses()
-        for name, mass in zip(self.names, self.masses, strict=True):
+        for name, mass in zip(self.names, self.masses[0], strict=True):
             body = self.spec.body(name)
             body.mass, body.inertia = mass, [0.4 * mass * model.ball.radius**2] * 3
         self._timestep = timestep
@@ -129,11 +129,11 @@ class World:
             for nose, _, _ in noses:
                 self._pair(spec, "ball_cushion", one, nose, soft)
         for effect in editors:
-            effect.edit(spec)
+            effect.select(0).edit(spec)
         if marked:
             _mark(spec, self.names, ball.radius)
         spec.option.timestep = timestep
-        spec.nuserdata = mem.memory_size(len(self.names), 4 + len(pockets.jaws))
+        spec.nuserdata = mem.memory_size(len(self.names))
         spec.add_numeric(name=WORLD_FIELD, data=[0.0, 0.0])  # nothing yet: compiling steps, too
         return spec
 
@@ -148,18 +148,20 @@ class World:
             pair.gap = NEAR_M
 
     def _masses(self) -> Array:
-        """Of the balls, as the effects of impacts have them: (n,) [kg]."""
+        """Of the balls, as the effects of impacts have them: (rows, n) [kg]."""
         n, radius, game = len(self.names), self.model.ball.radius, self._game
-        factor = np.ones(n)
+        factor = np.ones((self.rows, n))
         if n > 1 and not self._native[mem.NATIVE_BALLS]:
             first, second, place = np.arange(n), np.roll(np.arange(n), -1), np.zeros((n, n, 3))
             place[:, :, 0] = 2 * radius * np.arange(n)
-            still, hit = np.zeros((n, n, 3)), np.zeros((n, rec.IMPACT_FIELDS))
-            ask_rows(
-                False, place, still, still, first, second, game.pockets.jaws, radius, np.zeros((n, SESSION_FIELDS)),
-                np.zeros(n), game.hooks.own, np.zeros(n, np.int64), game.hooks.impact, hit,
-            )  # fmt: skip
-            factor = hit[:, rec.MASS_FIRST]
+            still, session = np.zeros((n, n, 3)), np.zeros((n, SESSION_FIELDS))
+            for row in range(self.rows):
+                hit = np.zeros((n, rec.IMPACT_FIELDS))
+                ask_rows(
+                    False, place, still, still, first, second, game.pockets.jaws, radius, session, np.zeros(n),
+                    game.hooks.own, np.full(n, row), game.hooks.impact, hit,
+                )  # fmt: skip
+                factor[row] = hit[:, rec.MASS_FIRST]
         return np.asarray(factor * self.model.ball.mass)
 
     def recompile(self) -> None:
@@ -197,7 +199,7 @@ class World:
         for key, value in arrays.items():
             table[key] = value.ctypes.data
         for key, count in (
-            (mem.BALLS, len(self.names)), (mem.RAILS, 4 + len(pockets.jaws)), (mem.JAW_COUNT, len(pockets.jaws)),
+            (mem.BALLS, len(self.names)), (mem.JAW_COUNT, len(pockets.jaws)),
             (mem.OWN_BYTES, arrays[mem.OWN].strides[0]),
             (mem.FORCE_COUNT, len(hooks.forces)), (mem.SUPPORT, hooks.support), (mem.IMPACT_COUNT, len(hooks.impact)),
             (mem.HOLE_COUNT, len(holes) if table_sizes.pockets else 0),
@@ -288,25 +290,25 @@ def _add_noses(
     """Add what balls meet at the rails: names, kinds, and numbers of rails, or 4 + those of jaws."""
     found: list[tuple[str, int, int]] = []
     height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
-    jaws = bool(len(pockets.jaws))
-    corner, middle = (float(pockets.ends[0]), float(pockets.ends[1])) if jaws else (0.0, 0.0)
 
     def add(name: str, kind: int, rail: int, **geom: Any) -> None:
         spec.worldbody.add_geom(name=name, group=4, **geom)
         found.append((name, kind, rail))
 
-    def nose(name: str, rail: int, ends: Sequence[ArrayLike], outward: ArrayLike) -> None:
+    def nose(name: str, rail: int, ends: Iterable[ArrayLike], outward: ArrayLike) -> None:
         shift = NOSE_RADIUS * NOSE_COSINE * np.asarray(outward)
         line = np.concatenate([np.append(np.asarray(end, float) + shift, height) for end in ends])
         add(name, mem.NOSE, rail, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[NOSE_RADIUS, 0, 0], fromto=line)
 
-    for rail, sign in ((0, 1.0), (1, -1.0)):
-        x, y = sign * half_length, half_width - corner
-        nose(f"cushion {'+-'[rail % 2]}x", rail, ((x, -y), (x, y)), (sign, 0.0))
-    for rail, sign in ((2, 1.0), (3, -1.0)):
-        y, far = sign * half_width, half_length - corner
-        for part, (a, b) in enumerate(((-far, -middle), (middle, far)) if jaws else ((-far, far),)):
-            nose(f"cushion {'+-'[rail % 2]}y {part}", rail, ((a, y), (b, y)), (0.0, sign))
+    # Over the whole length: the callback lets no ball meet them where there is a mouth, but one that is known to stay.
+    for rail, name in enumerate(RAIL_NAMES):
+        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
+        ends = np.array([[half_length, half_width], [half_length, half_width]])
+        ends[:, k] *= sign
+        ends[0, 1 - k] *= -1.0
+        outward = np.zeros(2)
+        outward[k] = sign
+        nose(f"cushion {name}", rail, ends, outward)
     for number, (x, y, size, *normal) in enumerate(pockets.jaws):
         name, rail, place = f"jaw {number}", 4 + number, np.array([x, y])
         if normal[0] or normal[1]:  # a facing

@@ -133,3 +133,18 @@ def two_ball_shots(count: int) -> list[Shot]:
         times = np.linspace(0, 4, 241)
         shots.append(Shot(("white", "red"), places, velocity, spin, times, session=Session(float(rng.random()))))
     return shots
+
+
+def pocket_shots(count: int) -> list[Shot]:
+    """A rolling ball of 0.7 to 2.5 m/s at a mouth of a full snooker table, within and beside what lets it in."""
+    rng = np.random.default_rng(RANDOM_SEED)
+    half, shots = np.array([SNOOKER_TABLE.length, SNOOKER_TABLE.width]) / 2, list[Shot]()
+    for number in range(count):
+        target = half * ((1, 1), (-1, 1), (0, 1), (1, -1), (-1, -1), (0, -1))[number % 6]
+        start, speed = rng.uniform(-0.6, 0.6, 2) * [2.0, 1.0], rng.uniform(0.7, 2.5)
+        way = target - start
+        heading = np.arctan2(way[1], way[0]) + rng.uniform(-0.07, 0.07) / np.linalg.norm(way)
+        velocity = speed * np.array([np.cos(heading), np.sin(heading)])
+        spin = np.array([-velocity[1], velocity[0], 0.0]) / SNOOKER_BALL.radius
+        shots.append(Shot(("white",), start[None], velocity[None], spin[None], np.linspace(0, 4, 241)))
+    return shots

@@ -122,7 +122,7 @@ def mujoco(file: Path) -> Figures:
         out[f"collisions_2009_{model}"] = f"{speed} %, {turn}°"
     shots = [row for row in rows if row["case"].startswith("effect ") and row["model"] == "effects"]
     worst = [
-        max(row["error"] for row in shots if row["case"].endswith(end)) for end in ("impact, worst", "balls: median")
+        max(row["error"] for row in shots if row["case"].endswith(end)) for end in ("impact, median", "balls: median")
     ]
     return out | {"catalogue_effects": f"{short(worst[0])}; {short(worst[1])} mm"}
 

@@ -1,7 +1,7 @@
 """Ball on ball: Coulomb friction and energetic restitution, with the cloth's reaction.
 
 Two balls that meet alone take the impulse of models/analytic/impulse.py; where more bodies touch at once, the springs
-of simulation/contact.py hold these coefficients. Source: Mathavan, Jackson, Parkin 2014. Leaves out any dependence
+of models/analytic/spring.py hold these coefficients. Source: Mathavan, Jackson, Parkin 2014. Leaves out any dependence
 on speed.
 """
 

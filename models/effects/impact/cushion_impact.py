@@ -1,7 +1,7 @@
 """Ball on cushion: Coulomb friction at nose and cloth, energetic restitution at the nose.
 
 The nose meets the ball above its centre (sin theta = 2/5); cushion and slate are rigid. A ball that meets it alone
-takes the impulse of models/analytic/impulse.py; where more bodies touch at once, the springs of simulation/contact.py
+takes the impulse of models/analytic/impulse.py; where more touch at once, the springs of models/analytic/spring.py
 hold these coefficients. Source: Mathavan, Jackson, Parkin 2010.
 Leaves out any dependence on speed, and that a real cushion gives way.
 """

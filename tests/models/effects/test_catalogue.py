@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -40,16 +38,10 @@ def shots(count: int) -> list[Shot]:
     return found
 
 
-ENGINES = pytest.mark.parametrize("engine", ["events", "mujoco"])
-
-
-@ENGINES
 @pytest.mark.parametrize(("name", "values", "hidden"), CASES, ids=[c[0] for c in CASES])
-def test_an_effect_is_what_the_hidden_one_is(
-    name: str, values: dict[str, float], hidden: dict[str, float], engine: str
-) -> None:
+def test_an_effect_is_what_the_hidden_one_is(name: str, values: dict[str, float], hidden: dict[str, float]) -> None:
     played = shots(6)
-    base = dataclasses.replace(full_model(TABLE, BALL).with_values(BASE), engine=engine)
+    base = full_model(TABLE, BALL).with_values(BASE)
     with_effect = base.add(effect_class(name)(**values))
     truth, moved = [], []
     for shot, track, plain in zip(played, simulate(with_effect, played), simulate(base, played), strict=True):

@@ -33,7 +33,6 @@ BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778, pockets=False)
 BASE = full_model(TABLE, BALL)
 STAMPS = np.linspace(0, 1.2, 25)
 SIGMA = 5e-4
-ENGINES = pytest.mark.parametrize("engine", ["events", "mujoco"])
 
 
 def effect(name: str, **values: float | Array) -> Effect:
@@ -193,36 +192,33 @@ def test_the_image_is_the_generator_s(
     np.testing.assert_allclose(seen(effect(name, **values)).position, there, atol=1e-14)
 
 
-def struck(engine: str, one: Effect, velocity: Array, spin: Array) -> tuple[Array, Array]:
+def struck(one: Effect, velocity: Array, spin: Array) -> tuple[Array, Array]:
     """Velocity (2,) and spin (3,) with which a ball leaves the cue that is told others."""
     hit = Shot(("cue",), np.zeros((1, 2)), np.array([velocity]), np.array([spin]), np.zeros(1))
-    [track] = simulate(dataclasses.replace(BASE.add(one), engine=engine), [hit])
+    [track] = simulate(BASE.add(one), [hit])
     return track.velocity[0, 0], track.spin[0, 0]
 
 
-@ENGINES
 @pytest.mark.parametrize("elevation", [0.0, 0.35, 0.7])
 @pytest.mark.parametrize("side", [0.009, -0.006, 0.0])
-def test_squirt_turns_the_stroke_as_the_generator_does(side: float, elevation: float, engine: str) -> None:
+def test_squirt_turns_the_stroke_as_the_generator_does(side: float, elevation: float) -> None:
     cue = Cue(1.7, 0.6, side, 0.004, elevation)
     aimed, left = strike((0.0, 0.0), cue, BALL.radius), strike((0.0, 0.0), cue, BALL.radius, squirt=3.0)
-    v, w = struck(engine, effect("squirt", per_offset=3.0), aimed.velocity, aimed.omega)
+    v, w = struck(effect("squirt", per_offset=3.0), aimed.velocity, aimed.omega)
     np.testing.assert_allclose(v, left.velocity, atol=2e-3 * 1.7 * 3 * abs(side) / 0.01 + 1e-12)
     np.testing.assert_allclose(w, left.omega, atol=0.02)
 
 
-@ENGINES
-def test_squirt_is_away_from_the_tip(engine: str) -> None:
+def test_squirt_is_away_from_the_tip() -> None:
     """The sign is that of the analytic stroke: right side, ball to the left."""
     stroke = analytic_strike(AnalyticCue(elevation=0.0), BALL, 1.5, 0.0, side=0.006)
     assert stroke.velocity[1] > 0 and stroke.spin[2] > 0
-    v, _ = struck(engine, effect("squirt"), np.array([1.5, 0.0]), np.array([0.0, 0.0, stroke.spin[2]]))
+    v, _ = struck(effect("squirt"), np.array([1.5, 0.0]), np.array([0.0, 0.0, stroke.spin[2]]))
     assert v[1] > 0
 
 
-@ENGINES
-def test_squirt_turns_the_struck_ball_only(engine: str) -> None:
-    squirting = dataclasses.replace(BASE.add(effect("squirt")), engine=engine)
+def test_squirt_turns_the_struck_ball_only() -> None:
+    squirting = BASE.add(effect("squirt"))
     both = dataclasses.replace(shot(), velocity=np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]))
     both = dataclasses.replace(both, spin=np.tile([0.0, 0.0, 40.0], (3, 1)), times=np.zeros(1))
     [track] = simulate(squirting, [both])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from models.model_file import effect_class, full_model
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Shot
 from models.simulation.simulate import simulate
-from tests.models.effects.test_catalogue import BALL, BASE, ENGINES, TABLE
+from tests.models.effects.test_catalogue import BALL, BASE, TABLE
 from tests.models.effects.test_catalogue_cloth import apart, truth
 from tests.truth import physics
 from tests.truth.cloth import Constants
@@ -32,11 +30,10 @@ def at_rails() -> list[Shot]:
     return found
 
 
-@ENGINES
 @pytest.mark.parametrize(("name", "constant", "rail"), CASES, ids=[c[0] for c in CASES])
-def test_a_rail_differs_as_the_hidden_one_does_and_no_other(name: str, constant: str, rail: str, engine: str) -> None:
+def test_a_rail_differs_as_the_hidden_one_does_and_no_other(name: str, constant: str, rail: str) -> None:
     played, change = at_rails(), CHANGE[constant]
-    base = dataclasses.replace(full_model(TABLE, BALL).with_values(BASE), engine=engine)
+    base = full_model(TABLE, BALL).with_values(BASE)
     plain, seen = simulate(base, played), simulate(base.add(effect_class(name)(change=change)), played)
     assert [t.events[0].rail for t in plain] == ["+x", "-x", "+y", "-y"] and all(len(t.events) == 1 for t in plain)
     moved, here = apart(plain, seen), list(RAILS).index(rail)
@@ -45,12 +42,11 @@ def test_a_rail_differs_as_the_hidden_one_does_and_no_other(name: str, constant:
     assert off < 5e-4 * moved[here] + 1e-5
 
 
-@ENGINES
 @pytest.mark.parametrize("change", [-0.2, -0.13, 0.1])  # carom, pool, higher than snooker's
-def test_noses_of_another_height(change: float, engine: str) -> None:
+def test_noses_of_another_height(change: float) -> None:
     """They meet the ball at another place, R cos theta, which the size of the table has to take up."""
     played = at_rails()
-    base = dataclasses.replace(full_model(TABLE, BALL).with_values(BASE), engine=engine)
+    base = full_model(TABLE, BALL).with_values(BASE)
     plain, seen = simulate(base, played), simulate(base.add(effect_class("nose_height")(change=change)), played)
     nearer = float(np.sqrt(1.0 - (NOSE_SINE + change) ** 2) - NOSE_COSINE) * BALL.diameter
     for shot, a, b in zip(played, plain, seen, strict=True):

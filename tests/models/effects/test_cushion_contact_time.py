@@ -29,15 +29,14 @@ class AnyContactTime(Effect):
 
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778, pockets=False)
 LIMIT = float(TABLE.centre_limits(BALL)[1])
-ENGINES = pytest.mark.parametrize("engine", ["events", "mujoco"])
 
 
-def played(engine: str, time: float, v: tuple[float, float], x: float = 0.0, table: Table = TABLE) -> Track:
+def played(time: float, v: tuple[float, float], x: float = 0.0, table: Table = TABLE) -> Track:
     """A sliding ball without spin that is a decimetre before the cushion at +y, seen every millisecond."""
     shot = Shot(
         ("a",), np.array([[x, LIMIT - 0.1]]), np.array([v]), np.zeros((1, 3)), np.linspace(0.0, 1.0, 1001)
     )  # fmt: skip
-    model = dataclasses.replace(full_model(table, BALL), engine=engine)
+    model = full_model(table, BALL)
     return simulate(model.add(CushionContactTime(time=time)) if time else model, [shot])[0]
 
 
@@ -48,57 +47,51 @@ def leaves(track: Track) -> float:
     return float(track.times[k] - (LIMIT - y[k]) / abs(v[k]))
 
 
-@ENGINES
 @pytest.mark.parametrize("speed", [0.8, 2.0, 4.0])
-def test_a_ball_leaves_later_by_the_time_of_contact_whatever_its_speed(engine: str, speed: float) -> None:
-    later, soon = (leaves(played(engine, t, (0.3, speed))) for t in (TIME, 0.0))
+def test_a_ball_leaves_later_by_the_time_of_contact_whatever_its_speed(speed: float) -> None:
+    later, soon = (leaves(played(t, (0.3, speed))) for t in (TIME, 0.0))
     assert later - soon == pytest.approx(TIME, rel=0.01)
 
 
-@ENGINES
-def test_along_the_rail_it_goes_with_the_speed_that_it_leaves_with(engine: str) -> None:
-    late, plain = played(engine, TIME, (1.0, 2.0)), played(engine, 0.0, (1.0, 2.0))
+def test_along_the_rail_it_goes_with_the_speed_that_it_leaves_with() -> None:
+    late, plain = played(TIME, (1.0, 2.0)), played(0.0, (1.0, 2.0))
     k = int(np.argmax(plain.velocity[:, 0, 1] < 0.0)) + 20
     assert late.position[k, 0, 0] == pytest.approx(plain.position[k, 0, 0], abs=1e-9)
     assert late.position[k, 0, 1] - plain.position[k, 0, 1] == pytest.approx(-TIME * plain.velocity[k, 0, 1], rel=0.03)
 
 
-@ENGINES
 @pytest.mark.parametrize("speed", [0.003, 0.02, 0.1])
-def test_a_slow_ball_comes_out(engine: str, speed: float) -> None:
-    track = played(engine, 0.03, (0.0, 0.6 + speed))  # the cloth takes about 0.6 m/s on the way there
+def test_a_slow_ball_comes_out(speed: float) -> None:
+    track = played(0.03, (0.0, 0.6 + speed))  # the cloth takes about 0.6 m/s on the way there
     assert track.position[-1, 0, 1] <= LIMIT + 1e-9
     assert not track.velocity[-1, 0].any() or track.velocity[-1, 0, 1] <= 0.0
 
 
-@ENGINES
-def test_at_a_mouth_there_is_none(engine: str) -> None:
+def test_at_a_mouth_there_is_none() -> None:
     """The rubber ends there: half as long half a ball's diameter beside it."""
     table = dataclasses.replace(TABLE, pockets=True)
     middle, times = table.mouths()[1], []
     for beside in (1e-4, 0.5 * BALL.diameter, 1.5 * BALL.diameter):
-        later, soon = (leaves(played(engine, t, (0.0, 2.0), middle + beside, table)) for t in (TIME, 0.0))
+        later, soon = (leaves(played(t, (0.0, 2.0), middle + beside, table)) for t in (TIME, 0.0))
         times.append(later - soon)
     assert times == pytest.approx([0.0, 0.5 * TIME, TIME], abs=0.02 * TIME)
 
 
-@ENGINES
-def test_balls_that_meet_stay_where_they_are(engine: str) -> None:
+def test_balls_that_meet_stay_where_they_are() -> None:
     """Ball number 1 is no rail."""
     v = np.array([[1.0, 0.3], [0.0, 0.0]])
     met = Shot(("a", "b"), np.array([[0, 0], [0.1, 0.01]]), v, np.zeros((2, 3)), np.linspace(0, 0.3, 31))
-    model = dataclasses.replace(full_model(TABLE, BALL), engine=engine)
+    model = full_model(TABLE, BALL)
     plain, timed = (simulate(one, [met])[0].position for one in (model, model.add(AnyContactTime())))
     np.testing.assert_array_equal(timed, plain)
 
 
-@ENGINES
-def test_no_ball_rests_in_pressed_rubber(engine: str) -> None:
+def test_no_ball_rests_in_pressed_rubber() -> None:
     """One that is 3 mm in comes to lean on another: it is pushed out, and the other one with it."""
     v, places = np.array([[0.0, -0.001], [0.0, 0.0]]), np.array([[0.0, LIMIT + 0.003]] * 2)
     places[1, 1] -= BALL.diameter + 1e-5
     shot = Shot(("a", "b"), places, v, np.zeros((2, 3)), np.linspace(0.0, 8.0, 81))
-    model = dataclasses.replace(full_model(TABLE, BALL), engine=engine).add(CushionContactTime(time=0.01))
+    model = full_model(TABLE, BALL).add(CushionContactTime(time=0.01))
     end = simulate(model, [shot])[0]
     y = end.position[-1, :, 1]
     assert np.abs(end.velocity[-1]).max() < 1e-9

@@ -60,11 +60,10 @@ def test_every_ball_comes_to_rest(rate: float, engine: str) -> None:
         assert np.abs(track.velocity[-1]).max() < 1e-6
 
 
-@ENGINES
-def test_a_push_across_the_way_keeps_no_ball_going(engine: str) -> None:
+def test_a_push_across_the_way_keeps_no_ball_going() -> None:
     """Though sidespin pushes harder than the cloth brakes, it takes nothing off the speed, nor adds any."""
     speeds, brake, times = np.linspace(0.02, 0.07, 6), 0.013 * 9.81, np.linspace(0.0, 1.0, 201)
-    slow = model(engine, side_curve=0.0025).with_values({"decoupled_cloth.roll": 0.013, "decoupled_cloth.spin": 22.0})
+    slow = model("events", side_curve=0.0025).with_values({"decoupled_cloth.roll": 0.013, "decoupled_cloth.spin": 22.0})
     for speed, track in zip(speeds, simulate(slow, [rolling(v, -65.0, times) for v in speeds]), strict=True):
         size, stop = np.hypot(*track.velocity[:, 0].T), speed / brake
         assert size == pytest.approx(np.maximum(speed - brake * times, 0.0), abs=1e-3)

@@ -276,38 +276,6 @@ def shots_of(p: Array, v: Array, w: Array, times: Array) -> list[Shot]:
     return [Shot(tuple("abc"[: p.shape[1]]), *parts, times) for parts in zip(p, v, w, strict=True)]
 
 
-@pytest.mark.parametrize("table", [OPEN, TABLE], ids=["open", "pockets"])
-def test_shots_agree_with_mujoco(table: Table) -> None:
-    before, after, other = compared(shots_of(*layouts(40, seed=4), np.linspace(0, 5, 101)), world(table))
-    assert max(before) < 1e-9
-    assert other == 0
-    assert np.median(after) < 1e-9
-
-
-@pytest.mark.parametrize("effect", sorted(set(catalogue()) - {"decoupled_cloth", "ball_impact", "cushion_impact"}))
-def test_every_effect_is_the_same_in_mujoco(effect: str) -> None:
-    shots = shots_of(*layouts(12, nball=2, seed=9), np.linspace(0, 3, 61))
-    before, after, other = compared(shots, world(OPEN, effect))
-    assert max(before) < 1e-5
-    assert other == 0
-    assert np.median(after) < 1e-5
-
-
-def test_frictionless_impacts_agree_with_mujoco_to_rounding() -> None:
-    shots = shots_of(*layouts(40, seed=6), np.linspace(0, 3, 61))
-    model = world(ball_impact__friction=0.0)
-    some = 0
-    for a, b in zip(play(model, shots), simulate(dataclasses.replace(model, engine="mujoco"), shots), strict=True):
-        until = min([e.time for e in b.events if e.kind == "cushion"] + [99.0])
-        use = a.times < until
-        some += sum(e.time < until for e in b.events) > 0
-        assert a.position[use] == pytest.approx(b.position[use], abs=1e-9)
-        met = [e for e in b.events if e.time < until]
-        assert [e.balls for e in a.events[: len(met)]] == [e.balls for e in met]
-        assert [e.time for e in a.events[: len(met)]] == pytest.approx([e.time for e in met], abs=1e-10)
-    assert some > 5
-
-
 def broken(clusters: bool, times: Array, mirror: int = 1) -> Track:
     """A full-power break of the 22 balls."""
     places = racked(TABLE, BALL)

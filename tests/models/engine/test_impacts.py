@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from models import record as rec
-from models.engine.impacts import crowded, describe, part
+from models.engine.impacts import describe, part
+from models.engine.impacts import is_crowded as crowded
 from models.engine.motion import POTTED
 from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, Array, Session
 
@@ -44,9 +45,8 @@ def test_slip_is_that_of_the_points_that_touch(cushion: bool) -> None:
 def is_crowded(places: Array, kind: Array, near: float, hit: tuple[int, int], mouths: Array = NO_MOUTHS) -> bool:
     """Of balls hit[0] and hit[1], or of ball hit[0] and rail -1 - hit[1]."""
     i, j = hit
-    row = np.array([[0, i, j if j >= 0 else -1 - j]])
-    found = crowded(j < 0, row, places[None], np.array(kind)[None], np.array([near]), R, REACH, HALF, mouths)
-    return bool(found[0])
+    rail = j if j >= 0 else -1 - j
+    return bool(crowded(places, np.array(kind), i, max(j, -1), rail, near, R, REACH, HALF, mouths))
 
 
 PAIR = [(0.0, 0.0), (2 * R, 0.0)]

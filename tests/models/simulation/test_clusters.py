@@ -225,7 +225,7 @@ def test_a_ball_that_hangs_over_a_pocket_is_potted(
     shot = Shot(("white", "red"), np.array([start, hanging]), v, np.zeros((2, 3)), np.linspace(0, 1, 201))
     track = play(world, [shot])[0]
     assert np.nanmax(np.abs(track.velocity)) <= 1.0 + 1e-9
-    assert [(e.kind, e.balls) for e in track.events][1] == ("pocket", ("red",))
+    assert ("pocket", ("red",)) in [(e.kind, e.balls) for e in track.events[:2]]  # in MuJoCo it falls at once
 
 
 def test_potted_balls_are_gone_from_clusters(play: Play) -> None:

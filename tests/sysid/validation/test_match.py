@@ -56,7 +56,7 @@ def test_every_effect_of_the_catalogue_has_its_rows(rows: list[MatchResult]) -> 
     base = {"decoupled_cloth", "ball_impact", "cushion_impact"}
     for name in {"none", *catalogue()} - base:
         mine = [row for row in rows if row.case.startswith(f"effect {name}, ")]
-        assert [row.tolerance for row in mine] == [0.01, 0.05], name
+        assert [row.tolerance for row in mine] == [None if name == "cushion_contact_time" else 2.0, None], name
         assert all(np.isfinite(row.error) for row in mine)
 
 
