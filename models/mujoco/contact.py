@@ -91,7 +91,7 @@ def read_contact(place, o, geoms):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def slot(n, i, j, kind):  # type: ignore[no-untyped-def]
-    """Where a contact is remembered: of balls i < j, or of ball i with the rail that j is or that jaw j goes on from."""
+    """Where a contact is remembered: of balls i < j, or of ball i with rail j, or the rail that jaw j goes on from."""
     if kind == BALL:
         return j * (j - 1) // 2 + i
     return n * (n - 1) // 2 + i * RAILS + (j if j < RAILS else RAIL_OF_JAW[j - RAILS])

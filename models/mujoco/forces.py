@@ -21,18 +21,16 @@ import numpy as np
 from numba import carray
 
 from models import record as rec
-from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, STILL_SPIN, add_cloth
 from models.analytic.events import DEAD_SPEED, in_mouth
 from models.analytic.pocket import jaw_gap
 from models.analytic.spring import CONTACT_GAP_M
 from models.compiled import compiled, compiled_in_place
-from models.effect import STILL as NATIVE_SLIP
 from models.engine import columns as col
-from models.engine.curve import push
 from models.engine.impacts import RAIL_OF_JAW
 from models.engine.touch import MOUTH_DEPTH_M
 from models.mujoco import layout as at
 from models.mujoco import memory as mem
+from models.mujoco.coast import coast
 from models.mujoco.contact import FREE_ACCELERATION, STEP_S, meet, read_contact, set_row, slot
 from models.mujoco.record import look_back, note
 from models.shot import GRAVITY, SESSION_FIELDS
@@ -44,86 +42,14 @@ LEAN_STEP_S: Final = 2e-4  # while what moves may be driven into what it all but
 TOUCH_M: Final = 1e-6  # gap of such bodies [m]
 CALM_STEP_S: Final = 2e-5  # while balls only lean on each other or on a cushion [s]
 NEAR_M: Final = 0.02  # gap up to which MuJoCo reports what may meet: more than any ball's way in a step [m]
-NATIVE: Final = -1  # how a ball moves on MuJoCo's own cloth, for which nothing else is asked
-MAX_PHASES: Final = 6  # of a step: the ends of a slide, of a roll, of sidespin
 SUPPORT_MARGIN_M: Final = 1e-7  # gap below which the slate carries a ball [m]
 LIFTED_M: Final = 1e-6  # below its height on the slate: a ball that falls and comes back to this lies there again [m]
+TAKEN: Final = 2.0  # in the column SUNK of what begins to fall with the next step
+FALLING_SPEED: Final = 1e-5  # of a ball that has begun to fall, at least: gravity gives more in any step [m/s]
 SUNK_M: Final = 3e-3  # below its height on the slate, from which a ball is the pocket's [m]
 NET_TIME_S: Final = 0.03  # in which a net stops what falls into it [s]
 FACINGS_FROM: Final = 12  # number of the first facing among the jaws
 SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was to lead [s]
-
-
-@compiled_in_place
-def _look(r, where, own, forces, support, cloth, mode, vx, vy, wx, wy, wz):  # type: ignore[no-untyped-def]
-    """Let cloth and effects act on a ball of this velocity and spin: the record's AX to BZ."""
-    ux, uy = vx - r[rec.RADIUS] * wy, vy + r[rec.RADIUS] * wx
-    u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
-    r[rec.VX], r[rec.VY], r[rec.WX], r[rec.WY], r[rec.WZ] = vx, vy, wx, wy, wz
-    r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLING] = ux, uy, (1.0 if mode == ROLLING else 0.0)
-    push(r, where, own, forces, support)
-    if mode == NATIVE:
-        return
-    over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-    add_cloth(r, mode, u, ux * over, uy * over, vx * per, vy * per, wz, cloth[0], cloth[1], cloth[2])
-
-
-@compiled_in_place
-def _coast(r, where, b, own, forces, support, cloth, native, h, dv):  # type: ignore[no-untyped-def]
-    """What cloth and effects change of one ball's velocity and spin within h, into dv (5,); returns whether it rolls.
-
-    `native`: whether the cloth is MuJoCo's own contact. Where effects push, they are looked at in the middle again.
-    """
-    radius = r[rec.RADIUS]
-    vx, vy, wx, wy, wz = b[col.VX], b[col.VY], b[col.WX], b[col.WY], b[col.WZ]
-    rolls, left = False, h
-    for _ in range(MAX_PHASES):
-        ux, uy = vx - radius * wy, vy + radius * wx
-        u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
-        mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
-        if native:
-            mode = NATIVE if u > NATIVE_SLIP or v <= NATIVE_SLIP else ROLLING
-        rolls = rolls or mode == ROLLING
-        mode = NATIVE if native else mode
-        _look(r, where, own, forces, support, cloth, mode, vx, vy, wx, wy, wz)
-        ax, ay, bx, by, bz = r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY], r[rec.BZ]
-        span, slides, stops, spins = left, False, False, False
-        if mode == SLIDING:
-            closing = -(ux * (ax - radius * by) + uy * (ay + radius * bx))
-            if closing > 0.0 and u * u <= closing * span:
-                span, slides = u * u / closing, True
-        elif mode == ROLLING:
-            closing = -(vx * ax + vy * ay)
-            if closing > 0.0 and v * v <= closing * span:
-                span, stops = v * v / closing, True
-        elif mode == RESTING and ax == 0.0 and ay == 0.0:
-            stops = True  # what is left of a motion is none
-        if mode != NATIVE:
-            if abs(wz) > STILL_SPIN and wz * bz < 0.0 and abs(wz) <= abs(bz) * span:
-                span, slides, stops, spins = abs(wz / bz), False, stops and mode == RESTING, True
-            elif abs(wz) <= STILL_SPIN and bz == 0.0:
-                spins = True
-        if forces.shape[0] > 0 and not (slides or stops or spins):
-            f = 0.5 * span
-            _look(r, where, own, forces, support, cloth, mode, vx + f * ax, vy + f * ay, wx + f * bx, wy + f * by,
-                  wz + f * bz)  # fmt: skip
-            ax, ay, bx, by, bz = r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY], r[rec.BZ]
-        vx, vy, wx, wy, wz = vx + span * ax, vy + span * ay, wx + span * bx, wy + span * by, wz + span * bz
-        if slides:
-            wx, wy = -vy / radius, vx / radius
-        if stops:
-            vx = vy = wx = wy = 0.0
-        if spins:
-            wz = 0.0
-        left -= span
-        if left <= 0.0:
-            break
-    dv[0] += vx - b[col.VX]
-    dv[1] += vy - b[col.VY]
-    dv[2] += wx - b[col.WX]
-    dv[3] += wy - b[col.WY]
-    dv[4] += wz - b[col.WZ]
-    return rolls
 
 
 @compiled_in_place
@@ -180,7 +106,7 @@ def _has_no_slate(table, numbers, holes, x, y, z):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _is_idle(table, numbers, balls, b, i, j, kind):  # type: ignore[no-untyped-def]
+def _is_idle(table, numbers, balls, kept, b, i, j, kind):  # type: ignore[no-untyped-def]
     """Whether what meets does not act: balls in pockets, and a rail where it ends in a mouth."""
     if balls[i, mem.SUNK] > 0.0 or (kind == mem.BALL and balls[j, mem.SUNK] > 0.0):
         return True
@@ -189,8 +115,9 @@ def _is_idle(table, numbers, balls, b, i, j, kind):  # type: ignore[no-untyped-d
     if balls[i, mem.STAYS] > 0.0:  # for it, cushions go on
         return j >= 4
     half, ends = numbers[mem.HALF_X : mem.HALF_Y + 1], numbers[mem.CORNER_MOUTH : mem.MIDDLE_MOUTH + 1]
-    if j < 4:
-        return in_mouth(b[i, 1 - j // 2], j, half, ends)
+    if j < 4:  # without jaws, what touches a cushion goes on to, also into a mouth
+        touches = table[mem.JAW_COUNT] == 0 and kept[slot(b.shape[0], i, j, kind), mem.PEAK] > 0.0
+        return not touches and in_mouth(b[i, 1 - j // 2], j, half, ends)
     arcs = table[mem.JAW_COUNT] if table[mem.JAW_COUNT] < FACINGS_FROM else FACINGS_FROM
     if j - 4 >= arcs:
         return False
@@ -229,7 +156,7 @@ def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, 
         if kind == mem.TOOL:
             step = min(step, max(0.5 * gap / TOOL_SPEED, TOOL_STEP_S))
             continue
-        if _is_idle(table, numbers, balls, b, i, j, kind):
+        if _is_idle(table, numbers, balls, kept, b, i, j, kind):
             continue
         closing = (b[i, col.VX] * nx + b[i, col.VY] * ny) * level
         if kind == mem.BALL:
@@ -289,6 +216,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     own = table[mem.OWN] + row * table[mem.OWN_BYTES]
     cloth = carray(mem.doubles(table[mem.CLOTH] + 24 * row), 3)
     forces = carray(mem.longs(table[mem.FORCES]), (table[mem.FORCE_COUNT], 2))
+    horizon = carray(mem.longs(table[mem.HORIZON]), (table[mem.HORIZON_COUNT], 2))
     impact = carray(mem.longs(table[mem.IMPACT]), (table[mem.IMPACT_COUNT], 2))
     geoms = carray(mem.longs(table[mem.GEOMS]), (mem.ALL, 2))
     holes = carray(mem.doubles(table[mem.HOLES]), (mem.ALL, 3))
@@ -323,7 +251,8 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     record_at = int(head[mem.RECORD])
     for i in range(n):
         p = joints[i, 0]
-        falling = balls[i, mem.SUNK] > 0.0 and qpos[p + 2] < radius - LIFTED_M
+        falls = qpos[p + 2] < radius - LIFTED_M or qvel[joints[i, 1] + 2] < -FALLING_SPEED
+        falling = balls[i, mem.SUNK] == TAKEN or (balls[i, mem.SUNK] > 0.0 and falls)
         sinks = falling or (
             balls[i, mem.STAYS] == 0.0
             and _has_no_slate(table, numbers, holes, qpos[p], qpos[p + 1], qpos[p + 2])
@@ -348,7 +277,8 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     carray(mem.doubles(model + o[at.MODEL_TIMESTEP]), 1)[0] = step
 
     # Cloth and effects.
-    r[rec.RADIUS], r[rec.TIME], r[rec.LAUNCH] = radius, now - head[mem.STRUCK_AT], head[mem.LAUNCH]
+    since = now - head[mem.STRUCK_AT]
+    r[rec.RADIUS], r[rec.LAUNCH] = radius, head[mem.LAUNCH]
     for k in range(SESSION_FIELDS):
         r[rec.SESSION + k] = session[k]
     for i in range(n):
@@ -361,9 +291,10 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
         r[rec.X], r[rec.Y], r[rec.NUMBER], r[rec.MASS] = b[i, col.X], b[i, col.Y], i, masses[i]
         r[rec.ROLLED] = balls[i, mem.ROLLED]
         flows, native = 0.5 * (before + step), table[mem.NATIVE_CLOTH] > 0
+        r[rec.TIME] = since - 0.5 * before
         if native:
-            flows = step
-        if _coast(r, ball_at, b[i], own, forces, table[mem.SUPPORT], cloth, native, flows, dv[i]):
+            flows, r[rec.TIME] = step, since
+        if coast(r, ball_at, b[i], own, forces, table[mem.SUPPORT], horizon, cloth, native, flows, dv[i]):
             balls[i, mem.MORE_ROLLED] = step * math.sqrt(b[i, col.VX] ** 2 + b[i, col.VY] ** 2) / radius
 
     # Impacts.
@@ -377,11 +308,11 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
         if kind == mem.SLATE:
             if balls[i, mem.SUNK] > 0.0 and line >= 0 and gap < SUPPORT_MARGIN_M:
                 set_row(kbip, line, gap - SUPPORT_MARGIN_M, -FREE_ACCELERATION)
-        elif _is_idle(table, numbers, balls, b, i, j, kind):
+        elif _is_idle(table, numbers, balls, kept, b, i, j, kind):
             if line >= 0 and gap < 0.0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
-        elif _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, i, j, kind)], kind, j, gap):
-            balls[i, mem.SUNK] = 1.0
+        elif before > 0.0 and _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, i, j, kind)], kind, j, gap):
+            balls[i, mem.SUNK] = TAKEN  # from the next step on: this one's slate has carried it
             if fresh and record_at != 0:
                 note(record_at, n, now, mem.EVENT_POCKET, i, 0, b[i])
             if line >= 0:
@@ -389,7 +320,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
         elif not _is_native(table, kind):
             new = meet(
                 kept[slot(n, i, j, kind)], b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact,
-                session, r[rec.TIME], radius, cloth[0], masses, step, dv, work, kbip, weights[max(line, 0)], line,
+                session, since, radius, cloth[0], masses, step, dv, work, kbip, weights[max(line, 0)], line,
                 fresh,
             )  # fmt: skip
             if new and record_at != 0:

@@ -20,9 +20,10 @@ ALL: Final = 1 << 30  # size of an array whose own is not asked for
 
 # The table of a world.
 (
-    BALLS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, IMPACT, IMPACT_COUNT, GEOMS, JAWS, JAW_COUNT,
-    HOLES, HOLE_COUNT, JOINTS, MASSES, NUMBERS, NATIVE_CLOTH, NATIVE_BALLS, NATIVE_CUSHIONS, TABLE_SIZE,
-) = range(21)  # fmt: skip
+    BALLS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, HORIZON, HORIZON_COUNT, IMPACT, IMPACT_COUNT,
+    GEOMS, JAWS, JAW_COUNT, HOLES, HOLE_COUNT, JOINTS, MASSES, NUMBERS, NATIVE_CLOTH, NATIVE_BALLS, NATIVE_CUSHIONS,
+    TABLE_SIZE,
+) = range(23)  # fmt: skip
 # Its floats: metres and seconds. Straight cushions end at mouths or jaws, so far from a corner and from a middle.
 RADIUS, BASE_STEP, HALF_X, HALF_Y, CORNER_MOUTH, MIDDLE_MOUTH, NET_DEPTH, NUMBER_COUNT = range(8)
 # Of a geom: the number of its ball, or -1 - kind; then the number of the rail, or 4 + that of the jaw. A post is an

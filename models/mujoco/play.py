@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+import mujoco
 import mujoco.batch
 import numpy as np
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from models.model_file import Model
 
 CHUNK_SIZE: Final = 512  # simulations at a time
+MANY_BALLS: Final = 8
 STEPS_AT_A_TIME: Final = 64  # between two looks at which of them go on
 MAX_STEPS: Final = 5_000_000  # of a shot, after which it is given up
 LOOKS_AT_REST: Final = 2  # after which nothing more is expected of it
@@ -76,7 +78,10 @@ def _play(model: Model, shots: Sequence[Shot], threads: int, jaws: bool) -> list
     """Shots of one number of balls, on tables of one size."""
     count, names = len(shots), [f"ball {i}" for i in range(len(shots[0].names))]
     world = World(model, names, rows=count, jaws=jaws)
-    batch = mujoco.batch.Batch(world.mj_model, count, nthread=threads)
+    sleeps = len(names) >= MANY_BALLS  # most of which lie still, and cost nothing then
+    if sleeps:
+        world.mj_model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+    batch = mujoco.batch.Batch(world.mj_model, count, nthread=threads, persistent=sleeps)
     batch.expand("opt.timestep")
     _vary(batch, model, names, count, jaws)
     _weigh(batch, world)

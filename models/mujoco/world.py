@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 STEP_S: Final = 1e-3  # the longest, unless said otherwise [s]
 NET_DEPTH_M: Final = 1.0  # below the slate, at which balls out of play hang: under the floor of a furnished table [m]
 STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] that are none: rounding, and what a stiff slate leaves
+SLEEP_SPEED: Final = 1e-8  # below which MuJoCo lets a ball sleep [m/s]
 WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
 SUPPORT: Final = "support"  # geom that carries balls, where there is slate
 POST_HALF_HEIGHT_M: Final = 0.05  # of what stands for the arc of a jaw [m]
@@ -133,6 +134,7 @@ class World:
         if marked:
             _mark(spec, self.names, ball.radius)
         spec.option.timestep = timestep
+        spec.option.sleep_tolerance = SLEEP_SPEED  # for those who let MuJoCo sleep
         spec.nuserdata = mem.memory_size(len(self.names))
         spec.add_numeric(name=WORLD_FIELD, data=[0.0, 0.0])  # nothing yet: compiling steps, too
         return spec
@@ -189,7 +191,7 @@ class World:
         holes = pockets.falls if jaws else np.insert(table_sizes.corners(), 2, table_sizes.mouths()[2], axis=1)
         arrays: dict[int, Any] = {
             mem.OWN: game.hooks.own if hooks.own.size else np.zeros((self.rows, 1)), mem.CLOTH: game.cloth,
-            mem.FORCES: hooks.forces, mem.IMPACT: hooks.impact, mem.GEOMS: geoms,
+            mem.FORCES: hooks.forces, mem.HORIZON: hooks.horizon, mem.IMPACT: hooks.impact, mem.GEOMS: geoms,
             mem.HOLES: holes, mem.JAWS: pockets.jaws if jaws else np.zeros((1, 5)), mem.JOINTS: self._joints,
             mem.MASSES: self.masses,
             mem.NUMBERS: np.array([ball.radius, timestep, *game.half[0], *mouths, NET_DEPTH_M]),
@@ -202,6 +204,7 @@ class World:
             (mem.BALLS, len(self.names)), (mem.JAW_COUNT, len(pockets.jaws)),
             (mem.OWN_BYTES, arrays[mem.OWN].strides[0]),
             (mem.FORCE_COUNT, len(hooks.forces)), (mem.SUPPORT, hooks.support), (mem.IMPACT_COUNT, len(hooks.impact)),
+            (mem.HORIZON_COUNT, len(hooks.horizon)),
             (mem.HOLE_COUNT, len(holes) if table_sizes.pockets else 0),
             *((key, int(value)) for key, value in self._native.items()),
         ):  # fmt: skip

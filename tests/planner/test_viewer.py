@@ -99,7 +99,7 @@ def test_a_potted_cue_ball_is_struck_from_where_it_began() -> None:
     setup = dataclasses.replace(SETUP, position=np.array([[1.3, 0.4], [0.0, 0.0]]))
     session = ViewedWorld(MODEL, dataclasses.replace(setup, stroke=(1.5, math.atan2(0.489, 0.4845), 0.0, 0.0)))
     session.strike()
-    session.world.step(session.data, 1000)
+    session.world.advance(session.data, 2.0)
     assert session.world.in_play(session.data) == ("red",)
     session.strike()
     assert session.data.qpos[:2] == pytest.approx([1.3, 0.4])

