@@ -73,7 +73,10 @@ def _top_speed(seen: Observation) -> float:
 
 
 def rolling_deceleration(clip_set: ClipSet) -> tuple[float, float] | None:
-    """Of rolling balls, the median over their way [m/s^2], and that way [m]; None of too little."""
+    """Of rolling balls, the lower quartile over their way [m/s^2], and that way [m]; None of too little.
+
+    Some slide still, and slow down by more: of a few draw shots half may.
+    """
     sigma = clip_set.sigma or DEFAULT_SIGMA_M
     found = []
     clips: list[Clip] = [c for c in clip_set.clips if c.struck in c.balls]
@@ -90,7 +93,7 @@ def rolling_deceleration(clip_set: ClipSet) -> tuple[float, float] | None:
     if len(found) < MIN_ROLLING_SEGMENTS:
         return None
     rates, ways = np.array(sorted(found)).T
-    return float(rates[np.searchsorted(np.cumsum(ways), ways.sum() / 2)]), float(ways.sum())
+    return float(rates[np.searchsorted(np.cumsum(ways), ways.sum() / 4)]), float(ways.sum())
 
 
 def rolling(clip_set: ClipSet) -> Contradiction | None:

@@ -91,7 +91,7 @@ def test_coordinates_and_times_that_are_all_wrong_are_one_line(tmp_path: Path, n
 
 def test_times_as_a_film_is_played_are_told_by_how_balls_roll(tmp_path: Path) -> None:
     fault = only_fault(spoiled(tmp_path / "slow", lambda t, x, y: (4 * t, x, y), fps=30.0))
-    assert "rolling balls slow down by 0.0076 m/s^2" in fault and "--fps F" in fault
+    assert "rolling balls slow down by 0.0073 m/s^2" in fault and "--fps F" in fault
     fault = only_fault(spoiled(tmp_path / "fast", lambda t, x, y: (t / 2, x, y), fps=240.0))
     assert "set off at 1.85 of the commanded speed" in fault and "correct t and fps" in fault
 
