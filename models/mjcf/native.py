@@ -43,15 +43,15 @@ def solref(restitution: float) -> tuple[float, float]:
 class Native(Effect):
     """The terms of the MJCF's contacts."""
 
-    slide: float = param(0.2204, off=0.0, unit="1", bounds=(0.05, 0.6), source=TUNING_SOURCE)
-    roll: float = param(0.01477, off=0.0, unit="1", bounds=(0.001, 0.05), source=TUNING_SOURCE)
-    spin: float = param(31.2, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source=TUNING_SOURCE)
-    ball_restitution: float = param(0.9003, off=0.0, unit="1", bounds=(0.5, 0.999), source=TUNING_SOURCE)
-    ball_friction: float = param(0.0524, off=0.0, unit="1", bounds=(0.0, 0.5), source=TUNING_SOURCE)
-    cushion_restitution: float = param(0.8657, off=0.0, unit="1", bounds=(0.3, 0.999), source=TUNING_SOURCE)
-    cushion_friction: float = param(0.1787, off=0.0, unit="1", bounds=(0.0, 0.43), source=TUNING_SOURCE)
-    ball_grip: float = param(0.00174, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNING_SOURCE)
-    cushion_grip: float = param(0.00142, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNING_SOURCE)
+    slide: float = param(0.2211, off=0.0, unit="1", bounds=(0.05, 0.6), source=TUNING_SOURCE)
+    roll: float = param(0.01481, off=0.0, unit="1", bounds=(0.001, 0.05), source=TUNING_SOURCE)
+    spin: float = param(31.33, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source=TUNING_SOURCE)
+    ball_restitution: float = param(0.8941, off=0.0, unit="1", bounds=(0.5, 0.999), source=TUNING_SOURCE)
+    ball_friction: float = param(0.05263, off=0.0, unit="1", bounds=(0.0, 0.5), source=TUNING_SOURCE)
+    cushion_restitution: float = param(0.8981, off=0.0, unit="1", bounds=(0.3, 0.999), source=TUNING_SOURCE)
+    cushion_friction: float = param(0.1751, off=0.0, unit="1", bounds=(0.0, 0.43), source=TUNING_SOURCE)
+    ball_grip: float = param(0.001965, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNING_SOURCE)
+    cushion_grip: float = param(0.001575, off=0.02, unit="s", bounds=(2e-4, 0.05), source=TUNING_SOURCE)
 
     slot: ClassVar[str] = "native"
 

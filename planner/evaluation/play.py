@@ -86,10 +86,15 @@ class Player:
 
     def play(self, q: Array, values: Values | None = None) -> Outcomes:
         """As `screen`, in MuJoCo."""
-        return of_tracks(self.scene, self.tracks(q, values))
+        return of_tracks(self.scene, self.tracks(q, values, mujoco=True))
 
-    def tracks(self, q: Array, values: Values | None = None, *, every: float = 0.0, jaws: bool = True) -> list[Track]:
-        """Tracks of strokes (n, 4) in MuJoCo until all balls rest, sampled `every` [s]; 0 for start and end only."""
+    def tracks(
+        self, q: Array, values: Values | None = None, *, every: float = 0.0, jaws: bool = True, mujoco: bool = False
+    ) -> list[Track]:
+        """Tracks of strokes (n, 4) until all balls rest, sampled `every` [s]; 0 for start and end only.
+
+        In the event engine, or in MuJoCo: if asked for, and where only that plays the model.
+        """
         scene, n = self.scene, len(q)
         velocity, spin = launch(q, self.launcher.elevation, scene.ball)
         cloth = next(e for e in self.model.effects if e.slot == "cloth")
@@ -101,7 +106,8 @@ class Player:
             v[0], w[0] = velocity[k], spin[k]
             times = np.arange(0.0, float(duration[k]), every) if every else np.array([0.0, float(duration[k])])
             shots.append(Shot(scene.names, scene.position, v, w, times))
-        model = dataclasses.replace(self.model, engine="mujoco").with_values(values or {})
+        engine = "mujoco" if mujoco or self.mujoco_only else "events"
+        model = dataclasses.replace(self.model, engine=engine).with_values(values or {})
         return simulate(model, shots, threads=self.threads, jaws=jaws)
 
 

@@ -51,7 +51,7 @@ class Effort:
     finalists: int = 6  # strokes that are evaluated over new samples
     closely: int = 256  # samples that the finalists are chosen by
     fresh: int = 1024  # new samples for the finalists
-    checked: int = 64  # of these samples that are played in MuJoCo as well
+    checked: int = 8  # of these samples that are played in MuJoCo as well, at some 10 ms each
 
 
 @dataclass(frozen=True)
