@@ -3,7 +3,7 @@
 In: scene, model with its uncertainty, the launcher's repeatability, weights of the utility. Out: the stroke of greatest
 expected utility, physically and as a launcher command; probabilities with intervals over execution errors and model
 uncertainty; the distribution of the cue ball's final position; the tolerance of the yaw, which is set by hand, within
-which less than a tenth of the pots is lost; predicted tracks, in MuJoCo with all effects; the best strokes of other
+which less than a tenth of the pots is lost; predicted tracks, with all effects; the best strokes of other
 kinds; and the reasons in words.
 """
 

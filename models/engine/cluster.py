@@ -179,7 +179,7 @@ def _near(b, kind, first, second, radius, limits, half, mouths, jaws, near):  # 
 
 
 @compiled_in_place
-def _is_idle(b):  # type: ignore[no-untyped-def]
+def is_still(b):  # type: ignore[no-untyped-def]
     """Whether nothing of a ball moves."""
     return b[col.VX] == 0.0 and b[col.VY] == 0.0 and b[col.WX] == 0.0 and b[col.WY] == 0.0 and b[col.WZ] == 0.0
 
@@ -267,7 +267,7 @@ def _through(  # type: ignore[no-untyped-def]
         for i in range(n):
             for x in range(5):
                 dv[i, x] = 0.0
-            if kind[i] != POTTED and (forces.shape[0] > 0 or not _is_idle(b[i])):
+            if kind[i] != POTTED and (forces.shape[0] > 0 or not is_still(b[i])):
                 _flow(b, i, records[i], records[i].ctypes.data, own, forces, support, cloth, now, dv)
         for c in near[:looked]:
             i, j = first[c], second[c]

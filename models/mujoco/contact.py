@@ -54,7 +54,6 @@ from models.mujoco.memory import (
 )
 from models.shot import NOSE_COSINE, NOSE_SINE
 
-STEP_S: Final = SPRING_STEP_S  # in an impact [s]
 FREE_ACCELERATION: Final = 1e9  # of a contact that does not act: the solver leaves it alone [m/s^2]
 
 
@@ -124,7 +123,7 @@ def meet(  # type: ignore[no-untyped-def]
         contact_radius = radius + NOSE_RADIUS
         flat = math.sqrt((contact_radius + gap) ** 2 - (contact_radius * NOSE_SINE) ** 2) - contact_radius * NOSE_COSINE
     depth, across = depth_of(cushion, flat, radius, kept[SINE] if kept[PEAK] > 0.0 else NOSE_SINE)
-    if kept[PEAK] == 0.0 and kept[GIVEN] == 0.0 and -gap > CROWD_GAP_M + 2.0 * STEP_S * abs(approach):
+    if kept[PEAK] == 0.0 and kept[GIVEN] == 0.0 and -gap > CROWD_GAP_M + 2.0 * SPRING_STEP_S * abs(approach):
         kept[GIVEN] = depth  # they were put into each other: nobody's work is in that
     if approach > max(kept[PEAK], MIN_IMPACT_SPEED):
         new = fresh and kept[PEAK] <= DEAD_SPEED < approach  # what closes more slowly leans

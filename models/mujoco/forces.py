@@ -1,15 +1,15 @@
 """What a table does to balls that `mj_step` moves: the passive forces of MuJoCo's state, in one compiled callback.
 
 Cloth and effects push and turn a ball as in the event engine (models/hooks.py). A step is no longer than the model's,
-and shrinks towards a touch, each by at most half, down to STEP_S, in which springs are resolved; the callback says so
-in `opt.timestep`. As MuJoCo moves balls with the velocity at the end of a step, a step's push is that of the time from
+and shrinks towards a touch, each by at most half, down to SPRING_STEP_S, which springs are resolved in; the callback
+says so in `opt.timestep`. As MuJoCo moves balls with the velocity at the end of a step, a step's push is that of the time from
 the middle of the step before to its own middle (a leapfrog): positions are then right to second order, and velocities
 are those half a step before.
 
-An impact is MuJoCo's contact. Its spring and damper are those of models/analytic/spring.py for the restitution that the
-effects ask for, which are written into the contact's row before the solver takes it up; its friction, and that of the
-cloth under a ball that it presses down, follow from its force by the increments of the impulse models, as generalised
-forces. The slate is a plane that MuJoCo holds balls up with, but where it has holes.
+An impact is MuJoCo's contact. The force of its spring (models/analytic/spring.py), for the restitution that the effects
+ask for, is written into the contact's row before the solver takes it up; its friction, and that of the cloth under a
+ball that it presses down, follow from that force by the increments of the impulse models, as generalised forces.
+The slate is a plane that MuJoCo holds balls up with, but where it has holes.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from numba import carray
 
 from models import record as rec
 from models.analytic.events import DEAD_SPEED, in_mouth
-from models.analytic.pocket import jaw_gap
-from models.analytic.spring import CONTACT_GAP_M
+from models.analytic.pocket import ARC_RAILS, jaw_gap
+from models.analytic.spring import CONTACT_GAP_M, SPRING_STEP_S
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
+from models.engine.cluster import is_still
 from models.engine.impacts import RAIL_OF_JAW
 from models.engine.touch import MOUTH_DEPTH_M
 from models.mujoco import layout as at
 from models.mujoco import memory as mem
 from models.mujoco.coast import coast
-from models.mujoco.contact import FREE_ACCELERATION, STEP_S, meet, read_contact, set_row, slot
+from models.mujoco.contact import FREE_ACCELERATION, meet, read_contact, set_row, slot
 from models.mujoco.record import look_back, note
 from models.shot import GRAVITY, SESSION_FIELDS
 
@@ -48,8 +49,16 @@ TAKEN: Final = 2.0  # in the column SUNK of what begins to fall with the next st
 FALLING_SPEED: Final = 1e-5  # of a ball that has begun to fall, at least: gravity gives more in any step [m/s]
 SUNK_M: Final = 3e-3  # below its height on the slate, from which a ball is the pocket's [m]
 NET_TIME_S: Final = 0.03  # in which a net stops what falls into it [s]
-FACINGS_FROM: Final = 12  # number of the first facing among the jaws
+ARCS: Final = len(ARC_RAILS)  # of a table with jaws; facings come after them
 SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was to lead [s]
+
+
+@compiled_in_place
+def _turned(qpos, at, sign, a, b, c):  # type: ignore[no-untyped-def]
+    """A vector (a, b, c) turned by the quaternion that begins at qpos[at], or back with a sign of -1."""
+    w, x, y, z = qpos[at], sign * qpos[at + 1], sign * qpos[at + 2], sign * qpos[at + 3]
+    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx
 
 
 @compiled_in_place
@@ -57,34 +66,22 @@ def _gather(qpos, qvel, joints, b, n):  # type: ignore[no-untyped-def]
     """The balls' states in the frame of the table, as the engine has them: b (n, COLUMN_COUNT)."""
     for i in range(n):
         p, v = joints[i, 0], joints[i, 1]
-        qw, x, y, z = qpos[p + 3], qpos[p + 4], qpos[p + 5], qpos[p + 6]
-        w0, w1, w2 = qvel[v + 3], qvel[v + 4], qvel[v + 5]
-        tx, ty, tz = 2.0 * (y * w2 - z * w1), 2.0 * (z * w0 - x * w2), 2.0 * (x * w1 - y * w0)
         b[i, col.X], b[i, col.Y], b[i, col.VX], b[i, col.VY] = qpos[p], qpos[p + 1], qvel[v], qvel[v + 1]
-        b[i, col.WX] = w0 + qw * tx + y * tz - z * ty
-        b[i, col.WY] = w1 + qw * ty + z * tx - x * tz
-        b[i, col.WZ] = w2 + qw * tz + x * ty - y * tx
+        spin = _turned(qpos, p + 3, 1.0, qvel[v + 3], qvel[v + 4], qvel[v + 5])
+        b[i, col.WX], b[i, col.WY], b[i, col.WZ] = spin
 
 
 @compiled_in_place
-def _deliver(qpos, passive, joints, i, b, dv, h, mass, radius):  # type: ignore[no-untyped-def]
+def _deliver(qpos, passive, joints, i, dv, h, mass, radius):  # type: ignore[no-untyped-def]
     """The changes dv (5,) of a ball within h as generalised forces."""
     p, v = joints[i, 0], joints[i, 1]
     passive[v] += mass * dv[0] / h
     passive[v + 1] += mass * dv[1] / h
     turn = 0.4 * mass * radius * radius / h
-    w0, w1, w2 = turn * dv[2], turn * dv[3], turn * dv[4]
-    qw, x, y, z = qpos[p + 3], -qpos[p + 4], -qpos[p + 5], -qpos[p + 6]
-    tx, ty, tz = 2.0 * (y * w2 - z * w1), 2.0 * (z * w0 - x * w2), 2.0 * (x * w1 - y * w0)
-    passive[v + 3] += w0 + qw * tx + y * tz - z * ty
-    passive[v + 4] += w1 + qw * ty + z * tx - x * tz
-    passive[v + 5] += w2 + qw * tz + x * ty - y * tx
-
-
-@compiled_in_place
-def _is_still(b):  # type: ignore[no-untyped-def]
-    """Whether nothing of a ball moves."""
-    return b[col.VX] == 0.0 and b[col.VY] == 0.0 and b[col.WX] == 0.0 and b[col.WY] == 0.0 and b[col.WZ] == 0.0
+    tx, ty, tz = _turned(qpos, p + 3, -1.0, turn * dv[2], turn * dv[3], turn * dv[4])
+    passive[v + 3] += tx
+    passive[v + 4] += ty
+    passive[v + 5] += tz
 
 
 @compiled_in_place
@@ -113,20 +110,20 @@ def _is_idle(table, numbers, balls, kept, b, i, j, kind):  # type: ignore[no-unt
     if kind == mem.BALL or numbers[mem.CORNER_MOUTH] == 0.0:
         return False
     if balls[i, mem.STAYS] > 0.0:  # for it, cushions go on
-        return j >= 4
+        return j >= mem.RAILS
     half, ends = numbers[mem.HALF_X : mem.HALF_Y + 1], numbers[mem.CORNER_MOUTH : mem.MIDDLE_MOUTH + 1]
-    if j < 4:  # without jaws, what touches a cushion goes on to, also into a mouth
+    if j < mem.RAILS:  # without jaws, what touches a cushion goes on to, also into a mouth
         touches = table[mem.JAW_COUNT] == 0 and kept[slot(b.shape[0], i, j, kind), mem.PEAK] > 0.0
         return not touches and in_mouth(b[i, 1 - j // 2], j, half, ends)
-    arcs = table[mem.JAW_COUNT] if table[mem.JAW_COUNT] < FACINGS_FROM else FACINGS_FROM
-    if j - 4 >= arcs:
+    arc = j - mem.RAILS
+    if arc >= ARCS:
         return False
     # An arc goes on from its cushion, and a facing from the arc: a ball meets one of them at a time.
-    rail = RAIL_OF_JAW[j - 4]
+    rail = RAIL_OF_JAW[arc]
     if not in_mouth(b[i, 1 - rail // 2], rail, half, ends):
         return True
     jaws = carray(mem.doubles(table[mem.JAWS]), (table[mem.JAW_COUNT], 5))
-    return table[mem.JAW_COUNT] > arcs and jaw_gap(jaws[j - 4 + arcs], b[i, col.X], b[i, col.Y]) < np.inf
+    return table[mem.JAW_COUNT] > ARCS and jaw_gap(jaws[arc + ARCS], b[i, col.X], b[i, col.Y]) < np.inf
 
 
 @compiled_in_place
@@ -161,9 +158,9 @@ def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, 
         closing = (b[i, col.VX] * nx + b[i, col.VY] * ny) * level
         if kind == mem.BALL:
             closing -= (b[j, col.VX] * nx + b[j, col.VY] * ny) * level
-        least = NATIVE_STEP_S if _is_native(table, kind) else STEP_S
+        least = NATIVE_STEP_S if _is_native(table, kind) else SPRING_STEP_S
         if gap >= -CONTACT_GAP_M:
-            still = _is_still(b[i]) and (kind != mem.BALL or _is_still(b[j]))
+            still = is_still(b[i]) and (kind != mem.BALL or is_still(b[j]))
             if gap < TOUCH_M and closing > -DEAD_SPEED and not still:
                 step = min(step, LEAN_STEP_S)
             if closing > 0.0:
@@ -175,7 +172,7 @@ def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, 
             if closing > DEAD_SPEED or -gap - one[mem.GIVEN] > CONTACT_GAP_M:
                 calm = abs(closing) < DEAD_SPEED and one[mem.PEAK] < DEAD_SPEED
                 slower = 1.0 / math.sqrt(one[mem.STIFFNESS]) if one[mem.STIFFNESS] > 0.0 else 1.0
-                step = min(step, CALM_STEP_S if calm else STEP_S * slower)
+                step = min(step, CALM_STEP_S if calm else SPRING_STEP_S * slower)
     return step
 
 
@@ -286,7 +283,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
         if balls[i, mem.SUNK] > 0.0:
             _hang(qpos, qvel, passive, joints, i, masses[i], numbers)
             continue
-        if forces.shape[0] == 0 and _is_still(b[i]):
+        if forces.shape[0] == 0 and is_still(b[i]):
             continue
         r[rec.X], r[rec.Y], r[rec.NUMBER], r[rec.MASS] = b[i, col.X], b[i, col.Y], i, masses[i]
         r[rec.ROLLED] = balls[i, mem.ROLLED]
@@ -326,4 +323,4 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             if new and record_at != 0:
                 note(record_at, n, now, mem.EVENT_BALL if kind == mem.BALL else mem.EVENT_CUSHION, i, j, b[i])
     for i in range(n):
-        _deliver(qpos, passive, joints, i, b, dv[i], step, masses[i], radius)
+        _deliver(qpos, passive, joints, i, dv[i], step, masses[i], radius)

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-SCANNED_BYTES = 8_000_000  # of a struct, at most
+SCANNED_BYTES = 1 << 19  # of a struct, at most: an mjData has some 160 kB
 CHUNK_BYTES = 4096  # read at a time, so that nothing far behind a struct is touched
 MARK = 0.123456789012345e-3  # a number that stands nowhere else
 (

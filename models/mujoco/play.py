@@ -78,6 +78,14 @@ def _play(model: Model, shots: Sequence[Shot], threads: int, jaws: bool) -> list
     """Shots of one number of balls, on tables of one size."""
     count, names = len(shots), [f"ball {i}" for i in range(len(shots[0].names))]
     world = World(model, names, rows=count, jaws=jaws)
+    try:
+        return _played(world, model, shots, threads, jaws)
+    finally:
+        world.forget()
+
+
+def _played(world: World, model: Model, shots: Sequence[Shot], threads: int, jaws: bool) -> list[Track]:
+    count, names = len(shots), world.names
     sleeps = len(names) >= MANY_BALLS  # most of which lie still, and cost nothing then
     if sleeps:
         world.mj_model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
@@ -106,10 +114,10 @@ def _play(model: Model, shots: Sequence[Shot], threads: int, jaws: bool) -> list
             kept[k, mem.RECORD] = float(records[k].ctypes.data)
             balls = kept[k, mem.HEAD : mem.HEAD + n * mem.BALL_MEMORY].reshape(n, mem.BALL_MEMORY)
             balls[:, mem.STAYS] = [name in shot.staying for name in shot.names]
-        _step(batch, records, qpos, qvel)
+        _step(batch, records, qpos, qvel, kept)
         most = max((int(r[mem.EVENT_COUNT]) for r in records), default=0)
         if most <= room:
-            return [_track(shot, record, n, room, jaws) for shot, record in zip(shots, records, strict=True)]
+            return [_track(shot, record, n, room) for shot, record in zip(shots, records, strict=True)]
         room = most
 
 
@@ -120,7 +128,7 @@ def _record(times: Array, balls: int, events: int) -> Array:
     return record
 
 
-def _step(batch: Any, records: Sequence[Array], qpos: Array, qvel: Array) -> None:
+def _step(batch: Any, records: Sequence[Array], qpos: Array, qvel: Array, kept: Array) -> None:
     """Step all until each has its last sample, or until nothing in it has moved for a while."""
     going, taken = np.array([k for k, r in enumerate(records) if r[mem.TIME_COUNT] > 0], np.int64), 0
     rested = np.zeros(len(records), np.int64)
@@ -133,7 +141,9 @@ def _step(batch: Any, records: Sequence[Array], qpos: Array, qvel: Array) -> Non
         for k in going[rested[going] >= LOOKS_AT_REST]:
             _fill(records[k], qpos[k])
         going = np.array([k for k in going if records[k][mem.NEXT_TIME] < records[k][mem.TIME_COUNT]], np.int64)
-        if taken > MAX_STEPS:
+        if (lost := going[kept[going, mem.RECORD] == 0.0]).size:  # MuJoCo has reset it
+            raise RuntimeError(f"shot {lost[0]} became unstable in MuJoCo; use values nearer to the usual ones")
+        if going.size and taken > MAX_STEPS:
             raise RuntimeError(f"shot {going[0]} has not come to its end after {taken} steps")
 
 
@@ -147,7 +157,7 @@ def _fill(record: Array, qpos: Array) -> None:
     record[mem.NEXT_TIME] = count
 
 
-def _track(shot: Shot, record: Array, n: int, room: int, jaws: bool) -> Track:
+def _track(shot: Shot, record: Array, n: int, room: int) -> Track:
     count = len(shot.times)
     begin = mem.RECORD_HEAD + count
     end = begin + count * n * mem.SAMPLE
@@ -185,7 +195,8 @@ def _vary(batch: Any, model: Model, names: Sequence[str], count: int, jaws: bool
         return
     fields = {name: batch.expand(name) for name in BATCH_FIELDS}
     for s in range(count):
-        variant = World(model.select(np.array([s])), names, jaws=jaws).mj_model
+        variant = World(model.select(np.array([s])), names, jaws=jaws)
         for name, values in fields.items():
-            source = variant.opt.gravity if name == "opt.gravity" else getattr(variant, name)
+            source = variant.mj_model.opt.gravity if name == "opt.gravity" else getattr(variant.mj_model, name)
             values[s] = np.reshape(source, values[s].shape)
+        variant.forget()

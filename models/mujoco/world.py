@@ -52,7 +52,7 @@ LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # of contacts whose force the call
 SLATE_TIME_S: Final = 0.004  # in which the slate lifts what has sunk into it [s]
 PROCESS: Final = secrets.randbits(50) + 1.0  # addresses mean nothing to another process
 BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
-_kept: list[Any] = []  # what compiled code points to: models may outlive their World
+_kept: dict[int, Any] = {}  # what compiled code points to, by address: models may outlive their World
 
 
 @cache
@@ -68,7 +68,7 @@ def _install() -> None:
         if field != 0 and doubles(field)[0] == process:
             go(model, data, where, longs(field)[1])
 
-    _kept.extend((offsets, passive))
+    _kept[where], _kept[passive.address] = offsets, passive
     mujoco.set_mjcb_passive(ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address))
 
 
@@ -209,9 +209,15 @@ class World:
             *((key, int(value)) for key, value in self._native.items()),
         ):  # fmt: skip
             table[key] = count
-        _kept.append((arrays, table))
+        _kept[table.ctypes.data] = arrays, table
         _install()
         compiled_model.numeric_data[:2] = PROCESS, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
+
+    def forget(self) -> None:
+        """Let go of what the callback reads, where nobody steps this world or a copy of its model any more."""
+        address = int(self.mj_model.numeric_data[1:2].view(np.int64)[0])
+        self.mj_model.numeric_data[:2] = 0.0
+        _kept.pop(address, None)
 
     @property
     def hooks(self) -> Hooks:

@@ -5,7 +5,7 @@ In: a scene on its nominal model. Out: one stroke, without regard to errors of t
 Minimise F(q) = |C_D - C_F|^2 over q = (V_C0, x'_C, y'_C, theta), C_D the goal position and C_F the final position of
 the cue ball, subject to V_C0 < 2.2 m/s, sqrt(x'_C^2 + y'_C^2) < 0.5 R, an aim that hits the object ball, and a path of
 the object ball that comes within 55 mm of the pocket's middle. The genetic algorithm is differential evolution (Storn
-and Price 1997, scipy's), a whole generation at a time in MuJoCo; strokes that violate a constraint rank behind all that
+and Price 1997, scipy's), a whole generation at a time; strokes that violate a constraint rank behind all that
 satisfy them, in the order of their violation (Deb 2000). The paper's pocket is given; of several allowed ones the least
 difficult is taken.
 """

@@ -122,7 +122,7 @@ class Eye:
 
     def put(self, laid: Mapping[str, Any]) -> None:
         self.empty = not laid
-        self.now = EmulatedTable(MODEL, laid or {"white": (0.0, 0.0)}, 0.0, 1 + len(self.asked))
+        self.now = EmulatedTable(MODEL, laid or {"white": (0.0, 0.0)}, 0.0, len(self.asked))
 
     def note(self, what: str) -> None:
         self.asked.append((what, self.strokes))
