@@ -2,9 +2,9 @@
 
 Cloth and effects push and turn a ball as in the event engine (models/hooks.py). A step is no longer than the model's,
 and shrinks towards a touch, each by at most half, down to SPRING_STEP_S, which springs are resolved in; the callback
-says so in `opt.timestep`. As MuJoCo moves balls with the velocity at the end of a step, a step's push is that of the time from
-the middle of the step before to its own middle (a leapfrog): positions are then right to second order, and velocities
-are those half a step before.
+says so in `opt.timestep`. As MuJoCo moves balls with the velocity at the end of a step, a step's push is that of the
+time from the middle of the step before to its own middle (a leapfrog): positions are then right to second order, and
+velocities are those half a step before.
 
 An impact is MuJoCo's contact. The force of its spring (models/analytic/spring.py), for the restitution that the effects
 ask for, is written into the contact's row before the solver takes it up; its friction, and that of the cloth under a
@@ -42,7 +42,7 @@ NATIVE_STEP_S: Final = 1e-4  # in contacts with MuJoCo's own terms [s]
 LEAN_STEP_S: Final = 2e-4  # while what moves may be driven into what it all but touches, at no speed yet [s]
 TOUCH_M: Final = 1e-6  # gap of such bodies [m]
 CALM_STEP_S: Final = 2e-5  # while balls only lean on each other or on a cushion [s]
-NEAR_M: Final = 0.02  # gap up to which MuJoCo reports what may meet: more than any ball's way in a step [m]
+FASTEST: Final = 30.0  # that a ball moves, beyond any stroke: MuJoCo reports what may meet within a step [m/s]
 SUPPORT_MARGIN_M: Final = 1e-7  # gap below which the slate carries a ball [m]
 LIFTED_M: Final = 1e-6  # below its height on the slate: a ball that falls and comes back to this lies there again [m]
 TAKEN: Final = 2.0  # in the column SUNK of what begins to fall with the next step

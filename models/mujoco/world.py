@@ -33,7 +33,7 @@ from models.errors import BadInput
 from models.mjcf.world import build_spec
 from models.mujoco import layout
 from models.mujoco import memory as mem
-from models.mujoco.forces import NEAR_M, SUPPORT_MARGIN_M, act
+from models.mujoco.forces import FASTEST, SUPPORT_MARGIN_M, act
 from models.shot import NOSE_COSINE, NOSE_SINE, RAIL_NAMES, SESSION_FIELDS, UNKNOWN_SESSION, Array, Session
 
 if TYPE_CHECKING:
@@ -112,6 +112,7 @@ class World:
         """The MJCF: slate and noses in place of what the plain table has, unless their terms are native."""
         table, ball = self.model.table, self.model.ball
         spec = build_spec(table, ball, self.names, (), furnished=furnished)
+        spec.option.timestep = timestep
         editors = [e for e in effects if e.opens("edit")]
         for geom in list(spec.geoms):
             if geom.name.startswith("cushion "):
@@ -123,7 +124,9 @@ class World:
         soft = [LOW_IMPEDANCE, LOW_IMPEDANCE, 0.001, 0.5, 2.0]
         for number, name in enumerate(self.names):
             one = f"ball {name}"
-            spec.geom(one).contype = spec.geom(one).conaffinity = 2  # for what a user adds with these bits
+            geom = spec.geom(one)
+            geom.contype = geom.conaffinity = 2  # for what a user adds with these bits
+            geom.gap = FASTEST * timestep
             self._pair(spec, "ball_bed", one, SUPPORT, [HIGH_IMPEDANCE, HIGH_IMPEDANCE, 0.001, 0.5, 2.0])
             for other in self.names[number + 1 :]:
                 self._pair(spec, "ball_ball", one, f"ball {other}", soft)
@@ -133,7 +136,6 @@ class World:
             effect.select(0).edit(spec)
         if marked:
             _mark(spec, self.names, ball.radius)
-        spec.option.timestep = timestep
         spec.option.sleep_tolerance = SLEEP_SPEED  # for those who let MuJoCo sleep
         spec.nuserdata = mem.memory_size(len(self.names))
         spec.add_numeric(name=WORLD_FIELD, data=[0.0, 0.0])  # nothing yet: compiling steps, too
@@ -147,7 +149,7 @@ class World:
         if kind == "ball_bed":
             pair.margin = SUPPORT_MARGIN_M
         else:
-            pair.gap = NEAR_M
+            pair.gap = FASTEST * spec.option.timestep
 
     def _masses(self) -> Array:
         """Of the balls, as the effects of impacts have them: (rows, n) [kg]."""

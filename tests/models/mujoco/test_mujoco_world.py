@@ -187,6 +187,24 @@ def test_what_a_user_adds_lives_in_the_same_world() -> None:
     assert data.joint("white").qpos[2] == pytest.approx(RADIUS, abs=1e-5)
 
 
+def test_a_fast_tool_is_met_where_it_is() -> None:
+    """A free block at 3 m/s: steps shrink before it touches, and momentum goes over to the ball."""
+    world = World(CLOSED, ("white",))
+    body = world.spec.worldbody.add_body(name="block", pos=[-0.3, 0.0, RADIUS])
+    body.add_joint(name="slide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.01, 0.05, 0.01], mass=0.5, contype=2, conaffinity=2)
+    world.recompile()
+    data = world.place({"white": (0.0, 0.0)})
+    data.joint("slide").qvel = 3.0
+    while data.time < 0.2 and data.joint("white").qvel[0] == 0.0:
+        mujoco.mj_step(world.mj_model, data)
+    assert -3e-5 < data.contact.dist.min() < 0.0, "it comes no deeper in a step than 10 us let it"
+    world.advance(data, data.time + 0.03)  # MuJoCo's usual contact is soft
+    ball = data.joint("white").qvel[0]
+    assert ball > 2.0
+    assert 0.5 * data.joint("slide").qvel[0] + MASS * ball == pytest.approx(1.5, rel=0.02)
+
+
 def test_a_look_between_steps_changes_nothing() -> None:
     [shot] = shots(1, 12)
     (world, data), (_, other) = begun(CLOSED, shot), begun(CLOSED, shot)
