@@ -11,6 +11,8 @@ In: a `ClipSet`. Out: `Contradiction`s.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sysid.clips.aims import reading_command
@@ -32,6 +34,7 @@ MIN_SEGMENT_SAMPLES, MIN_ROLLING_M = 14, 0.1  # of a motion, and its way, for a 
 MAX_ROLLING_ERROR_M = 0.003  # rms, of a motion that slows down evenly
 ROLLS_FROM = 0.4  # of a motion, after which balls have stopped to slide, mostly
 MIN_ROLLING_SEGMENTS = 4
+SD_95 = 1.96
 
 
 def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradiction | None:
@@ -72,11 +75,17 @@ def _top_speed(seen: Observation) -> float:
     return float(np.median(np.lib.stride_tricks.sliding_window_view(step, SPEED_STEPS), axis=1).max())
 
 
-def rolling_deceleration(clip_set: ClipSet) -> tuple[float, float] | None:
-    """Of rolling balls, the lower quartile over their way [m/s^2], and that way [m]; None of too little.
+@dataclass(frozen=True)
+class Deceleration:
+    """Of rolling balls, the lower quartile over their way; some slide still, and slow down by more."""
 
-    Some slide still, and slow down by more: of a few draw shots half may.
-    """
+    rate: float  # [m/s^2]
+    interval: tuple[float, float]  # the quartiles of what 95 % leave below and above each motion's own [m/s^2]
+    way: float  # [m]
+
+
+def rolling_deceleration(clip_set: ClipSet) -> Deceleration | None:
+    """How rolling balls slow down; None of too little."""
     sigma = clip_set.sigma or DEFAULT_SIGMA_M
     found = []
     clips: list[Clip] = [c for c in clip_set.clips if c.struck in c.balls]
@@ -87,13 +96,19 @@ def rolling_deceleration(clip_set: ClipSet) -> tuple[float, float] | None:
         if way < MIN_ROLLING_M:
             continue
         along = (xy - xy[0]) @ (xy[-1] - xy[0]) / way
-        fit = np.polyfit(time, along, 2)
+        fit, covariance = np.polyfit(time, along, 2, cov=True)
         if float(np.sqrt(np.mean((along - np.polyval(fit, time)) ** 2))) < MAX_ROLLING_ERROR_M:
-            found.append((-2 * float(fit[0]), way))
+            found.append((-2 * float(fit[0]), 2 * SD_95 * float(np.sqrt(covariance[0, 0])), way))
     if len(found) < MIN_ROLLING_SEGMENTS:
         return None
-    rates, ways = np.array(sorted(found)).T
-    return float(rates[np.searchsorted(np.cumsum(ways), ways.sum() / 4)]), float(ways.sum())
+    rates, errors, ways = np.array(found).T
+    low, rate, high = (_lower_quartile(rates + side * errors, ways) for side in (-1, 0, 1))
+    return Deceleration(rate, (low, high), float(ways.sum()))
+
+
+def _lower_quartile(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values, kind="stable")
+    return float(values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 4)])
 
 
 def rolling(clip_set: ClipSet) -> Contradiction | None:
@@ -101,15 +116,15 @@ def rolling(clip_set: ClipSet) -> Contradiction | None:
     found = rolling_deceleration(clip_set)
     if found is None:
         return None
-    rate, way = found
+    rate, (lower, upper) = found.rate, found.interval
     (low, high), (least, most) = SOUND_ROLLING, CERTAIN_ROLLING
-    if low < rate < high:
+    if lower < high and low < upper:
         return None
     factor = float(np.sqrt(USUAL_ROLLING / max(rate, 1e-9)))
     times = f", as with t about {max(factor, 1 / factor):.2g} times too {'long' if factor > 1 else 'short'}"
     text = (
-        f"rolling balls slow down by {rate:.2g} m/s^2 (over {way:.0f} m), and on cloths by 0.04 to 0.2"
+        f"rolling balls slow down by {rate:.2g} m/s^2 (over {found.way:.0f} m), and on cloths by 0.04 to 0.2"
         f"{times if rate > 0 else ''}: correct t and fps, such as with: {reading_command(clip_set, '--fps F')}, "
         "F the frames taken in a second"
     )
-    return Contradiction(ALL_CLIPS, text, not least < rate < most)
+    return Contradiction(ALL_CLIPS, text, upper < least or most < lower)
