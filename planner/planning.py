@@ -28,6 +28,7 @@ from planner.evaluation.play import Player
 from planner.evaluation.risk import ErrorSamples, Evaluation, draw_errors
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
+from planner.launcher.mapped import usual_launcher
 from planner.launcher.stroke import AZIMUTH, LauncherModel, stroke_terms
 from planner.scene import POCKETS, Scene, pocket_name, scene_dict
 from planner.search import baseline
@@ -71,7 +72,7 @@ def make_plan(
         weights: of the utility; the usual ones if not given.
         method: "risk", the search under errors, or "ga", the paper's on the nominal model.
         seed: of all random numbers; the same seed gives the same plan at any number of threads.
-        launcher: the default one if not given.
+        launcher: one with the constants of the literature if not given.
         effort: how much to compute.
         threads: at most; 0 for all.
 
@@ -84,7 +85,7 @@ def make_plan(
     if method not in METHODS:
         raise BadInput(f"method is {method!r}; choose from {', '.join(METHODS)}")
     execution, weights, effort = execution or Execution(), weights or UtilityWeights(), effort or Effort()
-    player = Player(model, scene, launcher or LauncherModel(), threads)
+    player = Player(model, scene, launcher or usual_launcher(model), threads)
     head = _head(player, execution, weights, method, seed)
     if method == "ga":
         strokes, why = _baseline_stroke(player, execution, weights, seed, effort)
@@ -186,7 +187,7 @@ def _stroke_entries(player: Player, stroke: RankedStroke) -> dict[str, Any]:
     return _entries(player, evaluation, stroke.engines) | {"pocket": list(POCKETS[stroke.route.pocket]), "kind": kind}
 
 
-def _entries(player: Player, evaluation: Evaluation, engines: dict[str, float]) -> dict[str, Any]:
+def _entries(player: Player, evaluation: Evaluation, engines: dict[str, Any]) -> dict[str, Any]:
     """What a stroke is, and what it does."""
     return {
         "stroke": stroke_terms(player.launcher, evaluation.q),
@@ -290,8 +291,21 @@ def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWe
         text += f"; the best of another kind, {describe_route(second.route)}, has {second.evaluation.value:.3f}"
     made = best.engines
     text += f". Of {made['plays']} plays in both engines {100 * made['events']:.0f} % succeed in the event engine, "
-    text += f"{100 * made['mujoco']:.0f} % in MuJoCo"
+    text += f"{100 * made['mujoco']:.0f} % in MuJoCo{_tip_in_words(made)}"
     return f"{text}.{closed}"
+
+
+def _tip_in_words(engines: dict[str, Any]) -> str:
+    """What the launcher's tip gives the cue ball in MuJoCo beyond what the plan assumes."""
+    if "tip" not in engines:
+        return ""
+    speed, azimuth, spin = (engines["tip"][name] for name in ("speed", "azimuth", "spin"))
+    pace, side = "faster" if speed > 0 else "slower", "left" if azimuth > 0 else "right"
+    return (
+        f", where the launcher's tip strikes: the cue ball leaves it {100 * abs(speed):.1f} % {pace} and "
+        f"{math.degrees(abs(azimuth)):.2f} degrees farther to the {side} than planned, with another "
+        f"{100 * spin:.1f} % of natural roll in spin"
+    )
 
 
 def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:

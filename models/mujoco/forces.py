@@ -141,9 +141,11 @@ def _is_native(table, kind):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, before):  # type: ignore[no-untyped-def]
+def _choose_step(  # type: ignore[no-untyped-def]
+    table, numbers, longest, balls, kept, b, o, contact_at, ncon, geoms, n, before,
+):  # fmt: skip
     """How long the next step is [s]: at most twice the one before, and half of the way to the next touch."""
-    step = numbers[mem.BASE_STEP]
+    step = longest
     if before > 0.0:
         step = min(step, 2.0 * before)
     for c in range(ncon):
@@ -174,6 +176,20 @@ def _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, 
                 slower = 1.0 / math.sqrt(one[mem.STIFFNESS]) if one[mem.STIFFNESS] > 0.0 else 1.0
                 step = min(step, CALM_STEP_S if calm else SPRING_STEP_S * slower)
     return step
+
+
+@compiled_in_place
+def _rub(b, load, friction, step, mass, radius, dv):  # type: ignore[no-untyped-def]
+    """Let the cloth rub a ball that is pressed onto it by `load` [N] beyond its weight, against the slip below it."""
+    sx, sy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    slip = math.sqrt(sx * sx + sy * sy)
+    if load <= 0.0 or slip == 0.0:
+        return
+    change = min(friction * load * step / mass, 2.0 / 7.0 * slip) / slip  # 2/7 of it stops the slip
+    dv[0] -= change * sx
+    dv[1] -= change * sy
+    dv[2] -= 2.5 / radius * change * sy
+    dv[3] += 2.5 / radius * change * sx
 
 
 @compiled_in_place
@@ -216,6 +232,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     horizon = carray(mem.longs(table[mem.HORIZON]), (table[mem.HORIZON_COUNT], 2))
     impact = carray(mem.longs(table[mem.IMPACT]), (table[mem.IMPACT_COUNT], 2))
     geoms = carray(mem.longs(table[mem.GEOMS]), (mem.ALL, 2))
+    felt = carray(mem.longs(table[mem.FELT]), n)
     holes = carray(mem.doubles(table[mem.HOLES]), (mem.ALL, 3))
     contacts = n * (n - 1) // 2 + n * mem.RAILS
     begin = memory_at + 8 * mem.HEAD
@@ -269,7 +286,8 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     kbip = carray(mem.doubles(mem.longs(data + o[at.DATA_KBIP])[0]), (mem.ALL, 4))
     weights = mem.doubles(mem.longs(data + o[at.DATA_D])[0])
     before = head[mem.STEP_BEFORE]
-    step = _choose_step(table, numbers, balls, kept, b, o, contact_at, ncon, geoms, n, before)
+    longest = head[mem.LONGEST] if head[mem.LONGEST] > 0.0 else numbers[mem.BASE_STEP]
+    step = _choose_step(table, numbers, longest, balls, kept, b, o, contact_at, ncon, geoms, n, before)
     head[mem.STEP] = step
     carray(mem.doubles(model + o[at.MODEL_TIMESTEP]), 1)[0] = step
 
@@ -293,6 +311,9 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             flows, r[rec.TIME] = step, since
         if coast(r, ball_at, b[i], own, forces, table[mem.SUPPORT], horizon, cloth, native, flows, dv[i]):
             balls[i, mem.MORE_ROLLED] = step * math.sqrt(b[i, col.VX] ** 2 + b[i, col.VY] ** 2) / radius
+        if felt[i] >= 0 and not native:  # what the slate bore in the step before
+            load = mem.doubles(mem.longs(data + o[at.DATA_SENSORDATA])[0] + 8 * felt[i])[0] - masses[i] * GRAVITY
+            _rub(b[i], load, cloth[0], step, masses[i], radius, dv[i])
 
     # Impacts.
     work[3, 0] = radius

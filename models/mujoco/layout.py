@@ -20,15 +20,15 @@ MARK = 0.123456789012345e-3  # a number that stands nowhere else
 (
     MODEL_TIMESTEP, MODEL_NUMERIC, DATA_TIME, DATA_NCON, DATA_QPOS, DATA_QVEL, DATA_USERDATA, DATA_PASSIVE,
     DATA_CONTACT, DATA_KBIP, DATA_D, CONTACT_SIZE, CONTACT_DIST, CONTACT_FRAME, CONTACT_MARGIN, CONTACT_GEOM,
-    CONTACT_ROW, OFFSETS,
-) = range(18)  # fmt: skip
+    CONTACT_ROW, DATA_SENSORDATA, OFFSETS,
+) = range(19)  # fmt: skip
 XML = """
 <mujoco><size nuserdata="3"/><custom><numeric name="mark" data="1 2"/></custom><worldbody>
-<geom type="plane" size="1 1 1"/><geom type="plane" size="1 1 1"/>
+<geom type="plane" size="1 1 1"/><geom type="plane" size="1 1 1"/><site name="mark"/>
 <body name="a" pos="0 0 0.09"><freejoint/><geom size="0.1"/></body>
 <body name="b" pos="1 0 0.09"><freejoint/><geom size="0.1"/></body>
 <body name="c" pos="2 0 0.09"><freejoint/><geom size="0.1"/></body>
-</worldbody></mujoco>
+</worldbody><sensor><framepos objtype="site" objname="mark"/></sensor></mujoco>
 """
 
 
@@ -88,7 +88,7 @@ def offsets() -> NDArray[np.int64]:
     for name, array in (
         (DATA_QPOS, data.qpos), (DATA_QVEL, data.qvel), (DATA_USERDATA, data.userdata),
         (DATA_PASSIVE, data.qfrc_passive), (DATA_CONTACT, contact.dist), (DATA_KBIP, data.efc_KBIP),
-        (DATA_D, data.efc_D),
+        (DATA_D, data.efc_D), (DATA_SENSORDATA, data.sensordata),
     ):  # fmt: skip
         out[name] = _pointer(its, array)
     first = contact.dist.ctypes.data

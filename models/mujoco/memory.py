@@ -22,8 +22,8 @@ ALL: Final = 1 << 30  # size of an array whose own is not asked for
 (
     BALLS, OWN, OWN_BYTES, CLOTH, FORCES, FORCE_COUNT, SUPPORT, HORIZON, HORIZON_COUNT, IMPACT, IMPACT_COUNT,
     GEOMS, JAWS, JAW_COUNT, HOLES, HOLE_COUNT, JOINTS, MASSES, NUMBERS, NATIVE_CLOTH, NATIVE_BALLS, NATIVE_CUSHIONS,
-    TABLE_SIZE,
-) = range(23)  # fmt: skip
+    FELT, TABLE_SIZE,
+) = range(24)  # fmt: skip
 # Its floats: metres and seconds. Straight cushions end at mouths or jaws, so far from a corner and from a middle.
 RADIUS, BASE_STEP, HALF_X, HALF_Y, CORNER_MOUTH, MIDDLE_MOUTH, NET_DEPTH, NUMBER_COUNT = range(8)
 # Of a geom: the number of its ball, or -1 - kind; then the number of the rail, or 4 + that of the jaw. A post is an
@@ -32,8 +32,9 @@ BALL, SLATE, NOSE, POST, TOOL = -1, 0, 1, 2, 3
 RAILS: Final = 4
 
 # The memory of a simulation begins with: the row of its parameters, the address of what records it, or 0, the time and
-# step of its last look, the step before that, when the strike was, its speed, and the shot's session.
-ROW, RECORD, STATE_TIME, STEP, STEP_BEFORE, STRUCK_AT, LAUNCH, SESSION = range(8)
+# step of its last look, the step before that, its longest step, or 0 for that of the world, when the strike was, its
+# speed, and the shot's session.
+ROW, RECORD, STATE_TIME, STEP, STEP_BEFORE, LONGEST, STRUCK_AT, LAUNCH, SESSION = range(9)
 HEAD: Final = SESSION + SESSION_FIELDS
 # Of each ball: angles rolled and turned, by how much more after this step, whether it has no slate below it, whether no
 # pocket takes it.

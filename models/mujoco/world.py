@@ -47,6 +47,7 @@ STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] that are none: rounding, and
 SLEEP_SPEED: Final = 1e-8  # below which MuJoCo lets a ball sleep [m/s]
 WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
 SUPPORT: Final = "support"  # geom that carries balls, where there is slate
+LOAD, NOT_REDUCED = "load ", 0  # name of a sensor begins so; of MuJoCo's contact sensors
 POST_HALF_HEIGHT_M: Final = 0.05  # of what stands for the arc of a jaw [m]
 LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # of contacts whose force the callback gives, and of the slate
 SLATE_TIME_S: Final = 0.004  # in which the slate lifts what has sunk into it [s]
@@ -168,11 +169,13 @@ class World:
                 factor[row] = hit[:, rec.MASS_FIRST]
         return np.asarray(factor * self.model.ball.mass)
 
-    def recompile(self) -> None:
+    def recompile(self, timestep: float | None = None) -> None:
         """Compile `spec` into `mj_model` once more, after something has been added to it.
 
+        `timestep` is another longest step [s].
         What is to touch balls takes part in collisions by bit 2: contype and conaffinity of 2.
         """
+        self._timestep = self.spec.option.timestep = timestep or self._timestep
         self.mj_model: mujoco.MjModel = self.spec.compile()
         self._connect(self._timestep)
 
@@ -195,7 +198,7 @@ class World:
             mem.OWN: game.hooks.own if hooks.own.size else np.zeros((self.rows, 1)), mem.CLOTH: game.cloth,
             mem.FORCES: hooks.forces, mem.HORIZON: hooks.horizon, mem.IMPACT: hooks.impact, mem.GEOMS: geoms,
             mem.HOLES: holes, mem.JAWS: pockets.jaws if jaws else np.zeros((1, 5)), mem.JOINTS: self._joints,
-            mem.MASSES: self.masses,
+            mem.MASSES: self.masses, mem.FELT: self._felt(),
             mem.NUMBERS: np.array([ball.radius, timestep, *game.half[0], *mouths, NET_DEPTH_M]),
         }  # fmt: skip
         arrays = {key: np.ascontiguousarray(value) for key, value in arrays.items()}
@@ -214,6 +217,23 @@ class World:
         _kept[table.ctypes.data] = arrays, table
         _install()
         compiled_model.numeric_data[:2] = PROCESS, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
+
+    def _felt(self) -> Any:
+        """Where the sensors of what the slate bears stand in `sensordata`, -1 for balls without: (n,)."""
+        model = self.mj_model
+        found = {model.sensor(k).name: int(model.sensor_adr[k]) for k in range(model.nsensor)}
+        return np.array([found.get(LOAD + name, -1) for name in self.names], np.int64)
+
+    def weigh(self, name: str) -> None:
+        """Add a sensor of the force [N] with which the slate bears a ball, "load NAME", to `spec`.
+
+        The cloth then rubs a ball the more that a tool presses down; compile the world anew after it.
+        """
+        self.spec.add_sensor(
+            name=LOAD + name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=f"ball {name}", reftype=mujoco.mjtObj.mjOBJ_GEOM, refname=SUPPORT,
+            intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NOT_REDUCED, 1],
+        )  # fmt: skip
 
     def forget(self) -> None:
         """Let go of what the callback reads, where nobody steps this world or a copy of its model any more."""
@@ -272,6 +292,16 @@ class World:
         data = getattr(data, "ptr", data)
         while data.time < until:
             mujoco.mj_step(self.mj_model, data)
+
+    def states(self, data: Any) -> tuple[Array, Array, Array]:
+        """Places (n, 2) [m], velocities (n, 2) [m/s] and spins (n, 3) [rad/s] of the balls, table frame."""
+        data = getattr(data, "ptr", data)
+        n = len(self.names)
+        position, velocity, spin = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 3))
+        for k, (at, to) in enumerate(self._joints):
+            position[k], velocity[k] = data.qpos[at : at + 2], data.qvel[to : to + 2]
+            mujoco.mju_rotVecQuat(spin[k], data.qvel[to + 3 : to + 6], data.qpos[at + 3 : at + 7])
+        return position, velocity, spin
 
     def rests(self, data: Any) -> bool:
         """Whether no ball in play moves or spins."""

@@ -26,7 +26,6 @@ from planner.cli.common import execution_option, load_execution, load_model, mod
 from sysid.cli.common import print_recording
 
 if TYPE_CHECKING:
-    from models.shot import Ball
     from planner.evaluation.value import UtilityWeights
     from planner.launcher.execution import Execution
     from planner.launcher.stroke import LauncherModel
@@ -44,7 +43,7 @@ class Hardware:
         "--cue-speed", "LOW HIGH", "Bounds on the cue's speed [m/s].", float, nargs=2
     )
 
-    def launcher(self, ball: Ball) -> tuple[LauncherModel, Execution | None]:
+    def launcher(self, model: Model) -> tuple[LauncherModel, Execution | None]:
         """The launcher, and its repeatability by its map where that is to be used."""
         from planner.launcher.stroke import LauncherModel, with_speeds
 
@@ -56,13 +55,14 @@ class Hardware:
                     f"--cue-speed {slow:g} {fast:g}: give two within {launcher.last:g} to {launcher.first:g} m/s"
                 )
             launcher = with_speeds(launcher, slow, fast)
+        from planner.launcher.mapped import execution_of, usual_launcher, with_map
+
         if not self.map_file:
-            return launcher, None
+            return usual_launcher(model, launcher), None
         from planner.launcher.cueing_map import read_map
-        from planner.launcher.mapped import execution_of, with_map
 
         cueing_map = read_map(self.map_file)
-        return with_map(launcher, cueing_map, ball), None if self.execution_file else execution_of(cueing_map)
+        return with_map(launcher, cueing_map, model.ball), None if self.execution_file else execution_of(cueing_map)
 
 
 @dataclass(frozen=True)

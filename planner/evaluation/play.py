@@ -2,7 +2,7 @@
 
 In: a scene, a model and strokes q (n, 4), with constants of the model per stroke if wanted. Out: outcomes, or tracks.
 Both engines play all of the model's effects, with jaws at the pockets. The search uses the event engine
-(models/engine); MuJoCo checks the finalists. A model that edits the MJCF can be played in MuJoCo only, and then a
+(models/engine); MuJoCo checks the finalists, which the launcher's tip strikes there. A model that edits the MJCF can be played in MuJoCo only, and then a
 search takes ten times as long. Camera effects are left out: they change no shot.
 """
 
@@ -18,11 +18,15 @@ from models.engine.impacts import strike_rows
 from models.engine.play import finish, lacking
 from models.errors import BadInput
 from models.hooks import hooks_of
+from models.mjcf.launcher import CUE_SPEED_RANGE, STAGE_TRAVEL_M
 from models.model_file import Model
+from models.mujoco.launcher import SimulatedStroke
+from models.mujoco.struck import TipStroke, play_struck, without_squirt
 from models.shot import GRAVITY, Shot, Track
 from models.simulation.simulate import simulate
 from planner.evaluation.outcome import Outcomes, concatenate, of_result, of_tracks
-from planner.launcher.stroke import AZIMUTH, SPEED, LauncherModel, launch
+from planner.launcher.mapped import MappedLauncher
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch
 from planner.scene import Scene
 
 Array = NDArray[np.float64]
@@ -88,6 +92,36 @@ class Player:
         """As `screen`, in MuJoCo."""
         return of_tracks(self.scene, self.tracks(q, values, mujoco=True))
 
+    def strike(self, tips: Array, values: Values | None = None) -> tuple[Outcomes, list[SimulatedStroke]]:
+        """Outcomes of strokes of the launcher's tip in MuJoCo, and what the ball got.
+
+        Args:
+            tips: cue speed [m/s], azimuth [rad], side and height of the cue's axis [m]: (n, 4); what is beyond the
+                launcher's range is played at its end.
+            values: constants of the model by name, (n,) each.
+        """
+        launcher = self.launcher
+        if not isinstance(launcher, MappedLauncher):
+            raise TypeError("a launcher without a map has no tip")
+        model = without_squirt(self.model) if launcher.squirt_in_model else self.model
+        low, high = CUE_SPEED_RANGE
+        speed = np.clip(tips[:, SPEED], low, high)
+        side, height = (np.clip(tips[:, k], -STAGE_TRAVEL_M, STAGE_TRAVEL_M) for k in (SIDE, HEIGHT))
+        strokes = [TipStroke(*map(float, one)) for one in zip(speed, tips[:, AZIMUTH], side, height, strict=True)]
+        times = [np.array([0.0, t]) for t in self._durations(2.0 * speed)]  # no ball is faster than twice the cue
+        scene = self.scene
+        tracks, made = play_struck(
+            model.with_values(values or {}), dict(zip(scene.names, scene.position, strict=True)), strokes, times,
+            device=launcher.device, jaws=True, threads=self.threads,
+        )  # fmt: skip
+        return of_tracks(scene, tracks), made
+
+    def _durations(self, speed: Array) -> Array:
+        """How long balls of a first speed (n,) [m/s] are played [s]."""
+        cloth = next(e for e in self.model.effects if e.slot == "cloth")
+        roll = float(np.min(getattr(cloth, "roll")))  # noqa: B009 (no field of every effect)
+        return np.asarray(DURATION_FACTOR * speed / (roll * GRAVITY) + 1.0)
+
     def tracks(
         self, q: Array, values: Values | None = None, *, every: float = 0.0, jaws: bool = True, mujoco: bool = False
     ) -> list[Track]:
@@ -97,9 +131,7 @@ class Player:
         """
         scene, n = self.scene, len(q)
         velocity, spin = launch(q, self.launcher.elevation, scene.ball)
-        cloth = next(e for e in self.model.effects if e.slot == "cloth")
-        roll = float(np.min(getattr(cloth, "roll")))  # noqa: B009 (no field of every effect)
-        duration = DURATION_FACTOR * q[:, SPEED] / (roll * GRAVITY) + 1.0
+        duration = self._durations(q[:, SPEED])
         balls, shots = len(scene.names), []
         for k in range(n):
             v, w = np.zeros((balls, 2)), np.zeros((balls, 3))

@@ -23,6 +23,8 @@ from planner.evaluation.outcome import FOULS, Outcomes
 from planner.evaluation.play import Player
 from planner.evaluation.value import UtilityWeights, rest_distance, utility
 from planner.launcher.execution import Execution, normal_samples
+from planner.launcher.mapped import MappedLauncher
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, launch
 from planner.scene import Scene
 
 Array = NDArray[np.float64]
@@ -50,6 +52,35 @@ class ErrorSamples:
         played = self.execution.perturb(q, self.normal).reshape(-1, 4)
         values = {name: np.tile(v, len(q)) for name, v in self.values.items()}
         return player.play(played, values) if mujoco else player.screen(played, values)
+
+    def strike(self, player: Player, q: Array) -> tuple[Outcomes, TipDifference]:
+        """Play strokes (n, 4) with every sample by the launcher's tip in MuJoCo; and how it differs from the plan."""
+        launcher = player.launcher
+        assert isinstance(launcher, MappedLauncher)
+        size = self.execution.perturb(np.zeros((1, 4)), self.normal)[0]  # of azimuth and contact
+        size[:, [SIDE, HEIGHT]] /= launcher.cueing_map.geometry.lever
+        tips = launcher.tip_strokes(q)[:, None, :] + size
+        tips[..., SPEED] *= 1.0 + self.execution.speed_sd * self.normal[:, 0]
+        values = {name: np.tile(v, len(q)) for name, v in self.values.items()}
+        out, made = player.strike(tips.reshape(-1, 4), values)
+        asked = self.execution.perturb(q, self.normal).reshape(-1, 4)
+        velocity, spin = launch(asked, launcher.elevation, player.scene.ball)
+        got, turned = np.array([m.velocity for m in made]), np.array([m.spin for m in made])
+        speed = np.hypot(velocity[:, 0], velocity[:, 1])
+        away = np.arctan2(got[:, 1], got[:, 0]) - asked[:, AZIMUTH]
+        return out, TipDifference(
+            np.hypot(got[:, 0], got[:, 1]) / speed - 1.0, (away + math.pi) % (2 * math.pi) - math.pi,
+            player.scene.ball.radius * np.linalg.norm(turned - spin, axis=1) / speed,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TipDifference:
+    """By how much what the tip gives differs from what a plan assumes: (n m,) each."""
+
+    speed: Array  # fraction
+    azimuth: Array  # [rad]
+    spin: Array  # R times its difference, over the speed
 
 
 def draw_errors(model: Model, execution: Execution, count: int, seed: int) -> ErrorSamples:
@@ -138,7 +169,12 @@ def evaluate(
     player: Player, samples: ErrorSamples, q: Array, weights: UtilityWeights, *, mujoco: bool = False
 ) -> list[Evaluation]:
     """Every stroke (n, 4) over all samples, in the event engine or in MuJoCo."""
-    out, m = samples.play(player, q, mujoco=mujoco), len(samples)
+    return evaluations(player, q, samples.play(player, q, mujoco=mujoco), weights)
+
+
+def evaluations(player: Player, q: Array, out: Outcomes, weights: UtilityWeights) -> list[Evaluation]:
+    """Every stroke (n, 4) by its outcomes, as many for each."""
+    m = len(out.potted) // len(q)
     values = utility(player.scene, out, weights).reshape(len(q), m).mean(axis=1)
     parts = [out.rows(slice(k * m, (k + 1) * m)) for k in range(len(q))]
     return [

@@ -1,7 +1,8 @@
 """The launcher model of a launcher whose cueing map was measured.
 
-In: a launcher model and a cueing map. Out: a launcher model whose gain, commands and bounds come from the map, and
-execution errors that include the map's uncertainty.
+In: a launcher model and a cueing map. Out: a launcher model whose gain, commands and bounds come from the map, what the
+tip then does, and execution errors that include the map's uncertainty. A launcher that was not measured has the map of
+the literature's constants.
 
 Speed and spin of a stroke are the ball's as it leaves the tip (planner/launcher/stroke.py); the map's balance of
 impulses, with slate, end mass and the zeros of stage and aim, gives the cue speed, stage and yaw for them. The slate
@@ -12,6 +13,7 @@ squirt effect of the model was fitted to clips of mapped strokes: it is a remain
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -20,7 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
 from models.errors import BadInput
+from models.mjcf.launcher import Device
 from models.model_file import Model
 from models.shot import Ball
 from planner.launcher.cueing_map import USUAL_GAIN, CueingMap
@@ -38,6 +42,7 @@ class MappedLauncher(LauncherModel):
     """A launcher model with a measured cueing map."""
 
     cueing_map: CueingMap = field(kw_only=True)
+    squirt_in_model: bool = field(default=False, kw_only=True)  # all of it: an effect of the model turns the ball
 
     @cached_property
     def _gains(self) -> RegularGridInterpolator:
@@ -75,7 +80,29 @@ class MappedLauncher(LauncherModel):
         """The launcher's command for one stroke (4,), as plan files have it."""
         rows = self.cueing_map.inverse(*(np.array([q[k]]) for k in (SPEED, SIDE, HEIGHT)))
         cue_speed, x, y, squirt = (float(v[0]) for v in rows)
+        squirt *= not self.squirt_in_model
         return self.plan_entries(cue_speed, x, y, float(q[AZIMUTH]), squirt)
+
+    @property
+    def device(self) -> Device:
+        """What the tip feels of the cue."""
+        known = self.cueing_map.constants
+        return Device(known.cue_mass, known.end_mass, known.tip_restitution)
+
+    def tip_strokes(self, q: Array) -> Array:
+        """Where the cue goes for strokes (n, 4): cue speed [m/s], azimuth [rad], side and height of its axis [m]."""
+        known = self.cueing_map.constants
+        cue_speed, x, y, squirt = self.cueing_map.inverse(q[:, SPEED], q[:, SIDE], q[:, HEIGHT])
+        turn = q[:, AZIMUTH] - squirt * (not self.squirt_in_model) + known.aim_zero
+        return np.stack([cue_speed, turn, x + known.side_zero, y + known.height_zero], axis=-1)
+
+
+def usual_launcher(model: Model, launcher: LauncherModel | None = None) -> MappedLauncher:
+    """A launcher that was not measured: the constants of the literature; the squirt is the model's where it has one."""
+    unknown = np.full((len(CONSTANT_NAMES),) * 2, math.nan)
+    usual = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
+    own = any("squirt" in (e.name(), e.slot) for e in model.effects)
+    return dataclasses.replace(with_map(launcher or LauncherModel(), usual, model.ball), squirt_in_model=own)
 
 
 def with_map(launcher: LauncherModel, cueing_map: CueingMap, ball: Ball) -> MappedLauncher:

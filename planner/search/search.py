@@ -10,7 +10,7 @@ each with its probabilities, the best first.
    and Talwalkar 2016).
 3. The strokes that remain are rounded to what the launcher can play, and the best few are evaluated over samples that
    the search has not used: the best of many is partly the luckiest, so its old figures are biased upwards. Some of
-   these plays are repeated in MuJoCo, and the difference counts in the final order.
+   these plays are repeated in MuJoCo, where the launcher's tip strikes, and the difference counts in the final order.
 
 Everything else is played in the event engine, with all of the model's effects.
 """
@@ -21,14 +21,16 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.evaluation.play import Player
-from planner.evaluation.risk import ErrorSamples, Evaluation, draw_errors, evaluate
+from planner.evaluation.risk import ErrorSamples, Evaluation, draw_errors, evaluate, evaluations
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
+from planner.launcher.mapped import MappedLauncher
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED
 from planner.search.candidates import Route, all_routes, open_routes, starting_strokes
 
@@ -60,7 +62,7 @@ class RankedStroke:
 
     route: Route
     evaluation: Evaluation
-    engines: dict[str, float]  # shots made over the same plays, in the event engine and in MuJoCo
+    engines: dict[str, Any]  # shots made over the same plays in either engine, and how the tip differs
 
 
 def search(
@@ -104,17 +106,31 @@ def search(
 
 def in_both_engines(
     player: Player, samples: ErrorSamples, q: Array, weights: UtilityWeights, checked: int
-) -> tuple[list[Evaluation], list[dict[str, float]], Array]:
+) -> tuple[list[Evaluation], list[dict[str, Any]], Array]:
     """Strokes (n, 4) evaluated in the event engine over all samples, and in MuJoCo over the first `checked`.
 
+    In MuJoCo the launcher's tip strikes, where its map is known; otherwise the ball starts as the plan has it.
+
     Returns:
-        Their evaluations, the shots made in either engine over the same plays, and the expected utility in MuJoCo less
-        that in the event engine (n,), which common plays estimate well.
+        Their evaluations, the shots made in either engine over the same plays, with what the tip gives beyond what the
+        plan assumes ("tip": mean differences of speed as a fraction, azimuth [rad], and R times spin over speed), and
+        the expected utility in MuJoCo less that in the event engine (n,), which common plays estimate well.
     """
     final, few = evaluate(player, samples, q, weights), samples.first(min(checked, len(samples)))
-    events, mujoco = (evaluate(player, few, q, weights, mujoco=flag) for flag in (False, True))
+    events = evaluate(player, few, q, weights)
+    told: list[dict[str, Any]] = [{} for _ in q]
+    if isinstance(player.launcher, MappedLauncher):
+        out, off = few.strike(player, q)
+        mujoco = evaluations(player, q, out, weights)
+        parts = {"speed": off.speed, "azimuth": off.azimuth, "spin": off.spin}
+        for k, one in enumerate(told):
+            one["tip"] = {n: float(v.reshape(len(q), -1)[k].mean()) for n, v in parts.items()}
+    else:
+        mujoco = evaluate(player, few, q, weights, mujoco=True)
     pairs = list(zip(events, mujoco, strict=True))
-    engines = [{"plays": len(few), "events": a.made, "mujoco": b.made} for a, b in pairs]
+    engines = [
+        {"plays": len(few), "events": a.made, "mujoco": b.made} | one for (a, b), one in zip(pairs, told, strict=True)
+    ]
     return final, engines, np.array([b.value - a.value for a, b in pairs])
 
 

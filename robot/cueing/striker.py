@@ -3,24 +3,23 @@
 In: hidden constants, execution errors and a seed. Out: a `CueShot` for every commanded stroke. The constants (cue, end
 mass, leather, cloth, zeros of stage and aim) are drawn within what is known of them. Each stroke has its own errors:
 cue speed within some 1 %, ball and stage put back within 0.1 to 0.3 mm (normal plus backlash), aim within half a
-milliradian. The leather's damping makes its restitution (mjcf/native.py); the bed has plain Coulomb friction, because
-MuJoCo's single cone for sliding, rolling and turning would give a spinning ball too little of it. After the hit the
-ball runs in closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis, and is measured as at a table
+milliradian. The tip strikes in a world that `mj_step` moves (models/mujoco/launcher.py). After the hit the ball runs in closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis, and is measured as at a table
 (robot/cueing/first_track.py). Leaves out the hop of the ball after the hit and faults of the tracking.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.analytic.cloth import state_at
-from models.mjcf.launcher import NAME_PREFIX, LauncherScene, build_scene, strike
-from models.mjcf.native import solref
+from models.mjcf.launcher import Device
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.model_file import full_model
+from models.mujoco.launcher import Launcher, SimulatedStroke
+from models.mujoco.world import World
 from models.shot import Array
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CueShot
@@ -29,7 +28,7 @@ from robot.cueing.hidden import draw_values
 
 CAMERA_FPS = 180.0  # [1/s] (Robotic Billiards 2015)
 REST_FRAMES = 8  # of the resting ball before the hit
-BALL_SPOT = np.array([-1.23, 0.0])  # where the ball lies to be struck [m]
+BALL_NAME, BALL_SPOT = "white", np.array([-1.23, 0.0])  # where the ball lies to be struck [m]
 
 
 @dataclass(frozen=True)
@@ -63,28 +62,19 @@ def draw_hidden(rng: np.random.Generator) -> Hidden:
     return Hidden(friction=values.pop("slate_friction"), **values)
 
 
-def hidden_scene(hidden: Hidden) -> LauncherScene:
-    """The launcher at the table with these constants in it."""
-    scene = build_scene(
-        SNOOKER_TABLE,
-        SNOOKER_BALL,
-        ("white",),
-        BALL_SPOT,
-        0.0,
-        end_mass=hidden.end_mass,
-        tip_friction=hidden.tip_friction,
-    )
-    spec = scene.spec
-    spec.body(f"{NAME_PREFIX}cue").mass = hidden.cue_mass - hidden.end_mass
-    reduced = 1.0 / (1.0 / SNOOKER_BALL.mass + 1.0 / hidden.cue_mass)
-    stiffness, damping = (-value for value in solref(hidden.tip_restitution))
-    # solref is for a contact of the world's CONTACT_TIME; the leather's own takes half of that, 1 ms.
-    for axis in "xyz":
-        joint = spec.joint(f"{NAME_PREFIX}leather {axis}")
-        joint.stiffness, joint.damping = [4.0 * stiffness * reduced, 0, 0], [2.0 * damping * reduced, 0, 0]
-    bed = next(p for p in spec.pairs if {p.geomname1, p.geomname2} == {"ball white", "bed"})
-    bed.condim, bed.friction = 3, [hidden.friction, hidden.friction, 0, 0, 0]
-    return dataclasses.replace(scene, model=spec.compile())
+def hidden_launcher(hidden: Hidden) -> Launcher:
+    """The launcher at the table with these constants in it, aimed along x at the ball on its spot."""
+    cloth = {"decoupled_cloth.slide": hidden.friction}
+    world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL).with_values(cloth), (BALL_NAME,))
+    device = Device(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution, hidden.tip_friction)
+    launcher = Launcher(world, device)
+    launcher.aim(world.place({BALL_NAME: BALL_SPOT}), 0.0)
+    return launcher
+
+
+def strike(launcher: Launcher, cue_speed: float, side: float, height: float) -> SimulatedStroke:
+    """Strike the ball on its spot once, as `Launcher.strike`."""
+    return launcher.strike(launcher.world.place({BALL_NAME: BALL_SPOT}), cue_speed, side, height, run_up=False)
 
 
 class EmulatedStriker:
@@ -97,7 +87,7 @@ class EmulatedStriker:
     def __init__(self, hidden: Hidden, sloppiness: Sloppiness, seed: int, played: int = 0) -> None:
         """Set it up; nothing is struck."""
         self.hidden, self.sloppiness, self.seed, self.played = hidden, sloppiness, seed, played
-        self.scene = hidden_scene(hidden)
+        self.launcher = hidden_launcher(hidden)
         self.strings = LauncherModel()
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
@@ -109,7 +99,7 @@ class EmulatedStriker:
         cue_speed = commanded * (1.0 + slop.speed * rng.standard_normal())
         aim = hidden.aim_zero + slop.azimuth * rng.standard_normal()
         side, height = 1e-3 * x0_mm + hidden.side_zero + off[0], 1e-3 * y0_mm + hidden.height_zero + off[1]
-        stroke = strike(self.scene, cue_speed, float(side), float(height))
+        stroke = strike(self.launcher, cue_speed, float(side), float(height))
         c, s = np.cos(aim), np.sin(aim)
         about = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         frames, seen = film(about @ stroke.velocity, about @ stroke.spin, hidden.friction, slop.pixel, rng)
@@ -131,9 +121,9 @@ def exact_strokes(
     hidden: Hidden, strokes: Sequence[tuple[int, float, float]]
 ) -> dict[tuple[int, float, float], tuple[float, float]]:
     """Ball speed [m/s] and squirt [rad] of strokes (string, x0_mm, y0_mm) that go without any error."""
-    scene, strings, out = hidden_scene(hidden), LauncherModel(), {}
+    launcher, strings, out = hidden_launcher(hidden), LauncherModel(), {}
     for string, x0_mm, y0_mm in strokes:
         side, height = 1e-3 * x0_mm + hidden.side_zero, 1e-3 * y0_mm + hidden.height_zero
-        stroke = strike(scene, strings.cue_speed(string), side, height)
+        stroke = strike(launcher, strings.cue_speed(string), side, height)
         out[string, x0_mm, y0_mm] = float(np.hypot(*stroke.velocity[:2])), stroke.squirt + hidden.aim_zero
     return out

@@ -1,15 +1,15 @@
 """A table with hidden parameters behind the emulated launcher: the closed loop runs on it without hardware.
 
 In: the hidden model, the balls' places, the hits of the firmware (`hit`: cue speed, side and height of the axis). Out:
-a `robot.play.ShotCamera`. A balance of impulses (models/analytic/cue_impulse.py) with hidden constants, or the MuJoCo
-launcher, gives velocity and spin of the ball; the hidden model plays the shot in MuJoCo, with jaws at the pockets,
-until all balls rest; a camera straight above reports positions with normal noise, from the hit (t = 0) on. The stand is
-turned by hand, each time with an error.
+a `robot.play.ShotCamera`. The tip of a launcher with hidden constants strikes in MuJoCo (models/mujoco/struck.py), and
+the hidden model plays the shot there, with jaws at the pockets, until all balls rest; a camera straight above reports
+positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, each time with an error.
 
 A hit is only noted, since it comes in the midst of an exchange; the shot is played at the next look. A stand serves one
 stroke: the cue ball lies elsewhere then. Leaves out the hop after the hit, a marked ball's angle, and the camera's
 distortions: effects of the model that only change what is seen are dropped, and so is a fitted squirt, which would
-count twice.
+count twice. Of the launcher's constants, friction on the slate is that of the hidden cloth, and the tip touches as long
+as its leather lets it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ from pathlib import Path
 
 import numpy as np
 
-from models.analytic.cue_impulse import Constants, Geometry, launch
+from models.analytic.cue_impulse import Constants
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL
+from models.mjcf.launcher import Device
 from models.model_file import Model
-from models.shot import GRAVITY, Array, Shot, Track
-from models.simulation.simulate import simulate
+from models.mujoco.launcher import SimulatedStroke
+from models.mujoco.struck import TipStroke, play_struck, without_squirt
+from models.shot import GRAVITY, Array, Track
 from robot.device.launcher import Launcher
 from robot.device.link import Link
 from robot.device.settings import Settings
@@ -54,7 +55,6 @@ class EmulatedOptions:
     fps: float = CAMERA_FPS  # of the camera [1/s]
     yaw_sd: float = YAW_SETTING_SD  # of the stand's azimuth, each time that it is turned [rad]
     constants: Constants = field(default_factory=Constants)  # hidden, of the launcher; zeros are true less stage
-    mujoco: bool = False  # strike with the slower MuJoCo launcher instead of the balance of impulses
 
 
 class EmulatedTable:
@@ -82,14 +82,15 @@ class EmulatedTable:
         """
         if not position:
             raise BadInput("position is empty; put down a cue ball at least")
-        doing = tuple(e for e in model.stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
-        doing = tuple(e for e in doing if "squirt" not in (e.name(), e.slot))
+        doing = tuple(e for e in without_squirt(model).stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in doing}):
             raise BadInput(f"the hidden model lacks {', '.join(lacking)}; give one that starts from the base")
         self.model = dataclasses.replace(model, effects=doing, engine="mujoco")  # what fits and plans is the other one
         self.options = options or EmulatedOptions()
         self.table, self.ball, self.fps, self.sigma = model.table, model.ball, self.options.fps, self.options.sigma
-        self.geometry = Geometry(model.ball)
+        hidden = self.options.constants
+        self.device = Device(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution)
+        self.made: SimulatedStroke | None = None  # the last stroke that met the cue ball
         self._rng = np.random.default_rng(seed)
         self._places = {name: np.array(xy, float) for name, xy in position.items()}
         self._cue = next(iter(position))
@@ -132,16 +133,10 @@ class EmulatedTable:
         filmed, self._filmed = self._filmed, {}
         return filmed
 
-    def delivered(self, cue_speed: float, side: float, height: float) -> tuple[Array, Array]:
-        """Velocity (3,) [m/s] and spin (3,) [rad/s] that a hit gives the cue ball, table frame."""
-        if self.options.mujoco:
-            velocity, spin = _struck_in_mujoco(self.options.constants, self.model, cue_speed, side, height)
-        else:
-            one = (np.array([v]) for v in (cue_speed, side, height))
-            velocity, spin = (v[0] for v in launch(self.options.constants, self.geometry, *one))
-        c, s = math.cos(self.azimuth), math.sin(self.azimuth)
-        about = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return about @ velocity, about @ spin
+    def stroke(self, cue_speed: float, side: float, height: float) -> TipStroke:
+        """What a hit is, with the zeros of stage and aim."""
+        c = self.options.constants
+        return TipStroke(cue_speed, self.azimuth + c.aim_zero, side + c.side_zero, height + c.height_zero)
 
     def _play(self) -> None:
         """Play the hits since the last look; a tip that meets no ball moves nothing."""
@@ -155,15 +150,15 @@ class EmulatedTable:
             self._places = {n: last[k] for k, n in enumerate(self.track.names) if np.isfinite(last[k, 0])}
 
     def _shot(self, cue_speed: float, side: float, height: float) -> Track:
+        """The whole shot; one whose tip does not meet the ball moves nothing."""
         names = (self._cue, *(n for n in self._places if n != self._cue))
-        velocity, spin = np.zeros((len(names), 2)), np.zeros((len(names), 3))
-        struck, spin[0] = self.delivered(cue_speed, side, height)
-        velocity[0] = struck[:2]
         roll = float(self.model.parameters()["decoupled_cloth.roll"])
-        longest = 2.0 * (float(np.hypot(*struck[:2])) / (roll * GRAVITY)) + 1.0
+        longest = 2.0 * (2.0 * cue_speed / (roll * GRAVITY)) + 1.0  # a ball is at most twice as fast as the cue
         times = np.arange(math.ceil(longest * self.fps) + 1) / self.fps
-        place = np.array([self._places[n] for n in names])
-        [track] = simulate(self.model, [Shot(names, place, velocity, spin, times)], threads=1, jaws=True)
+        [track], [self.made] = play_struck(
+            self.model, {n: self._places[n] for n in names}, [self.stroke(cue_speed, side, height)], [times],
+            device=self.device, jaws=True, threads=1,
+        )  # fmt: skip
         return track
 
     def _seen(self, track: Track) -> dict[str, Observation]:
@@ -179,23 +174,6 @@ class EmulatedTable:
             seen = xy[own, k] + self.sigma * self._rng.standard_normal((len(own), 2))
             out[name] = Observation(track.times[own], seen, np.full(len(own), math.nan))
         return out
-
-
-def _struck_in_mujoco(
-    constants: Constants, model: Model, cue_speed: float, side: float, height: float
-) -> tuple[Array, Array]:
-    """The same from the launcher of models/mjcf/launcher.xml, aimed along x."""
-    from models.mjcf.launcher import strike
-    from robot.cueing.striker import Hidden, hidden_scene
-
-    if model.ball != SNOOKER_BALL:
-        raise BadInput(f"the ball is {model.ball}; the MuJoCo launcher strikes {SNOOKER_BALL} only, use the fast one")
-    c = constants
-    hidden = Hidden(c.tip_restitution, c.cue_mass, c.end_mass, c.slate_friction)
-    stroke = strike(hidden_scene(hidden), cue_speed, side + c.side_zero, height + c.height_zero)
-    cos, sin = math.cos(c.aim_zero), math.sin(c.aim_zero)
-    about = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return about @ stroke.velocity, about @ stroke.spin
 
 
 def emulated_launcher(

@@ -19,10 +19,9 @@ import numpy as np
 
 from models.analytic import cloth
 from models.engine.play import lacking, play
-from models.mjcf import stroke
-from models.mjcf.launcher import build_scene, strike_all
 from models.mjcf.snooker import SNOOKER_TABLE
 from models.model_file import Model, catalogue, full_model
+from models.mujoco import stroke
 from models.shot import Array, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
@@ -266,21 +265,15 @@ def published(tested: ModelUnderTest) -> list[MatchResult]:
     ]
 
 
-def cueing(tested: ModelUnderTest, few: bool = False) -> list[MatchResult]:
-    """The launcher's strokes in MuJoCo against the cueing model: rms over the grid of speeds and offsets.
-
-    Native: the ball on the slate of the MJCF; effects: on one that only carries it, as the effects' cloth does.
-    """
-    scene = build_scene(
-        SNOOKER_TABLE, SNOOKER_BALL, ("white",), stroke.CUE_BALL_SPOT, 0.0, slate=tested.name == "native"
-    )
-    shots = stroke.SMALL_GRID if few else stroke.PAPER_GRID
-    wrong = stroke.errors(scene, shots, strike_all(scene, shots))
-    on = "native on the slate, effects afloat"
-    parts = (("ball speed", "%"), ("R omega over speed", "%"), ("squirt", "deg"))
+def cueing(few: bool = False) -> list[MatchResult]:
+    """Strokes of the launcher's tip in MuJoCo against the cueing model: rms over the grid of speeds and offsets."""
+    asked = stroke.SMALL_GRID if few else stroke.PAPER_GRID
+    launcher = stroke.machine()
+    wrong = stroke.errors(launcher, asked, stroke.played(launcher, asked))
+    parts = (("ball speed", "%", 0.5), ("R omega over speed", "%", 4.0), ("squirt", "deg", 0.07))
     return [
-        MatchResult(f"cueing, {len(shots)} strokes, {on}: {what}, rms", tested.name, float(rms), unit)
-        for (what, unit), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
+        MatchResult(f"launcher's tip, {len(asked)} strokes: {what}, rms", "effects", float(rms), unit, reach)
+        for (what, unit, reach), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
     ]
 
 
@@ -318,10 +311,10 @@ def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Matc
     for p in (native, effects):
         parts.append(partial(motion, p, count))
         parts += [partial(impacts, p, kind, count) for kind in ("ball", "cushion")]
-        parts += [partial(cueing, p, few), partial(whole_shots, p, shots), partial(roughness, p)]
+        parts += [partial(whole_shots, p, shots), partial(roughness, p)]
         parts.append(partial(published, p))
     parts += [partial(more_shots, what, shots) for what in ("effects", "jaws")]
-    parts.append(partial(energy, 10 * shots))
+    parts += [partial(energy, 10 * shots), partial(cueing, few)]
     parts += [partial(effect, name, min(shots, 40)) for name in effects_of()]
     for part in parts:
         yield from part()

@@ -13,7 +13,7 @@ import pytest
 from models.analytic import cueing
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
-from models.mjcf.launcher import CUE_SPEED_RANGE, strike
+from models.mjcf.launcher import CUE_SPEED_RANGE
 from models.shot import Ball
 from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
@@ -23,7 +23,16 @@ from robot.cueing.first_track import read_track
 from robot.cueing.held_out import average_errors, compare_maps, noise_floor
 from robot.cueing.map_fit import MIN_SHOTS, fit_map, scatter
 from robot.cueing.report import write_picture, write_report
-from robot.cueing.striker import EmulatedStriker, Hidden, Sloppiness, draw_hidden, exact_strokes, film, hidden_scene
+from robot.cueing.striker import (
+    EmulatedStriker,
+    Hidden,
+    Sloppiness,
+    draw_hidden,
+    exact_strokes,
+    film,
+    hidden_launcher,
+    strike,
+)
 from tests.reference.networks import compare_with_networks, train_networks
 
 BALL = Ball(0.0525, 0.1406)
@@ -131,11 +140,11 @@ def test_published_squirt_and_speed() -> None:
 
 def test_it_follows_the_simulated_launcher_stroke_by_stroke() -> None:
     hidden = Hidden(friction=0.22)
-    scene = hidden_scene(hidden)
+    launcher = hidden_launcher(hidden)
     constants = Constants(0.75, 0.5, 0.00703 + SHAFT, 0.22, 1e-3)
     told = [(0.5, 0.012, -0.012), (1.5, 0.0, 0.0), (1.5, 0.012, 0.0), (2.5, 0.0, -0.012), (2.5, 0.012, 0.008)]
     for v, x, y in told:
-        stroke = strike(scene, v, x, y)
+        stroke = strike(launcher, v, x, y)
         velocity, spin = (q[0] for q in launch(constants, GEOMETRY, *(np.array([q]) for q in (stroke.cue_speed, x, y))))
         pace = math.hypot(*stroke.velocity[:2])
         assert math.hypot(*velocity[:2]) == pytest.approx(pace, rel=0.012)

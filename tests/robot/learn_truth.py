@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
+from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, launch
 from models.console import Progress
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
-from models.shot import GRAVITY, Track
+from models.shot import GRAVITY, Array, Track
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
 from robot.emulator.table import EmulatedTable
@@ -43,9 +43,17 @@ class TruthTable(EmulatedTable):
         self.truth = truth
         super().__init__(*args, **rest)
 
+    def _delivered(self, cue_speed: float, side: float, height: float) -> tuple[Array, Array]:
+        """Velocity and spin (3,) of the ball by the balance of impulses, table frame."""
+        one = (np.array([v]) for v in (cue_speed, side, height))
+        c, s = math.cos(self.azimuth), math.sin(self.azimuth)
+        about = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        velocity, spin = launch(self.options.constants, Geometry(SNOOKER_BALL), *one)
+        return about @ velocity[0], about @ spin[0]
+
     def _shot(self, cue_speed: float, side: float, height: float) -> Track:
         names = (self._cue, *(n for n in self._places if n != self._cue))
-        velocity, spin = (tuple(map(float, v)) for v in self.delivered(cue_speed, side, height))
+        velocity, spin = (tuple(map(float, v)) for v in self._delivered(cue_speed, side, height))
         lie = {n: (float(self._places[n][0]), float(self._places[n][1])) for n in names}
         balls = {n: Start(lie[n]) for n in names} | {self._cue: Start(lie[self._cue], velocity[:2], spin)}
         longest = 2.0 * (math.hypot(*velocity[:2]) / (self.truth.mur * GRAVITY)) + 1.0

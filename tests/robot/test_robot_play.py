@@ -132,19 +132,13 @@ def test_the_planned_stroke_is_what_the_cue_ball_gets(tmp_path: Path, side: floa
     table = emulated(plan, yaw_sd=0.0)
     _, device = played(plan, table)
     [deed], told = struck(device), read_order(plan, OURS).cue
-    velocity, _ = table.delivered(deed.speed, deed.x, deed.y)
+    assert table.made is not None
+    velocity = table.made.velocity
     # What the planner's plain law leaves out, slate and damping, makes 3 %; the drive's ripple and scatter 1 % more.
     assert np.hypot(*velocity[:2]) == pytest.approx(told.speed, rel=0.05)
     assert math.atan2(velocity[1], velocity[0]) == pytest.approx(told.azimuth, abs=0.002)
     assert deed.x * BALL.radius / (BALL.radius + 0.01) == pytest.approx(told.side, abs=1e-4)
     assert deed.y * BALL.radius / (BALL.radius + 0.01) == pytest.approx(told.height, abs=1e-4)
-
-
-def test_the_mujoco_launcher_strikes_as_the_balance_of_impulses_does(plan: Path) -> None:
-    quick, slow = emulated(plan, yaw_sd=0.0), emulated(plan, yaw_sd=0.0, mujoco=True)
-    (v, w), (v2, w2) = (table.delivered(1.5, 0.004, 0.003) for table in (quick, slow))
-    assert np.linalg.norm(v - v2) < 0.03 * np.linalg.norm(v)
-    assert np.linalg.norm(w - w2) < 0.15 * np.linalg.norm(w)
 
 
 def test_the_same_seed_gives_the_same_film(plan: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What the launcher's strokes give against the analytic cueing model, and what they ask of its drive.
+"""What the launcher's strokes give against the cueing model (models/analytic/cue_impulse.py), and ask of its drive.
 
 The drive in closed form, for a raised-cosine run-up of length s to the speed v: peak acceleration a = (pi / 4) v^2 / s;
 force between pinion and rack F = (m_rack + m_cue) (a - g sin(tilt)) + friction; motor torque
@@ -13,43 +13,27 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import click
 import mujoco
 import numpy as np
 
-from models.analytic import cueing
+from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.command_line import FILE_PATH, OUTPUT_FILE, lone_command, run
 from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
-from models.mjcf import launcher
-from models.mjcf.launcher import (
-    CUE_TILT,
-    GEAR_RATIO,
-    NAME_PREFIX,
-    PINION_RADIUS_M,
-    RUN_UP,
-    LauncherScene,
-    SimulatedStroke,
-    build_scene,
-    strike,
-    strike_all,
-)
-from models.mjcf.native import Native
+from models.mjcf.launcher import CUE_MASS, CUE_TILT, GEAR_RATIO, NAME_PREFIX, PINION_RADIUS_M, TIP_RESTITUTION
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.model_file import full_model
+from models.mujoco.launcher import BRAKING_DECELERATION, RUN_UP, Launcher, SimulatedStroke
+from models.mujoco.world import World
 from models.shot import GRAVITY, Array
 
+Stroke = tuple[float, float, float]  # cue speed [m/s], side and height of its axis [m]
 CUE_BALL_SPOT = np.array([-1.23, 0.0])  # where the struck ball lies [m]
-ANALYTIC_CUE = cueing.CueStick(
-    launcher.CUE_MASS,
-    launcher.END_MASS,
-    launcher.TIP_RADIUS,
-    launcher.TIP_RESTITUTION,
-    launcher.TIP_FRICTION,
-    float(CUE_TILT),
-)
 GRID_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue (Robotic Billiards 2015) [m/s]
 GRID_SIDES, GRID_HEIGHTS = np.arange(0, 13, 2) / 1000, np.arange(-12, 13, 2) / 1000  # x'0, y'0 (the same) [m]
 PAPER_GRID = tuple((v, float(x), float(y)) for v, x, y in itertools.product(GRID_SPEEDS, GRID_SIDES, GRID_HEIGHTS))
@@ -65,107 +49,84 @@ BEARING_FRICTION = 2.0  # of the rack's bearings [N]
 RPM_PER_RAD_S = 30 / np.pi
 
 
-def grid(
-    scene: LauncherScene,
-    speeds: Sequence[float] = GRID_SPEEDS,
-    sides: Array = GRID_SIDES,
-    heights: Array = GRID_HEIGHTS,
-) -> dict[str, Array]:
-    """Strokes over a grid: "speed" (relative to the cue's), "squirt" [rad], "spin" (..., 3) [rad/s], "miscue".
-
-    Every array is (speeds, sides, heights) and, of spin, 3 more.
-    """
-    shots = [(float(v), float(x), float(y)) for v, x, y in itertools.product(speeds, sides, heights)]
-    strokes = strike_all(scene, shots)
-    shape = (len(speeds), len(sides), len(heights))
-    return {
-        "speed": np.array([np.hypot(*s.velocity[:2]) / s.cue_speed for s in strokes]).reshape(shape),
-        "squirt": np.array([s.squirt for s in strokes]).reshape(shape),
-        "spin": np.array([s.spin for s in strokes]).reshape(*shape, 3),
-        "miscue": np.array([s.miscue for s in strokes]).reshape(shape),
-    }
+@cache
+def machine() -> Launcher:
+    """The launcher at a snooker table with the constants of the literature."""
+    return Launcher(World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white",)))
 
 
-def errors(
-    scene: LauncherScene,
-    shots: Sequence[tuple[float, float, float]],
-    strokes: Sequence[SimulatedStroke],
-    *,
-    rubbed: bool = False,
-) -> Array:
-    """How far strokes are from the analytic model at the cue speed that was attained: (n, 3).
+def played(launcher: Launcher, strokes: Sequence[Stroke], *, threads: int = 2) -> list[SimulatedStroke]:
+    """Strokes along x at the ball on its spot."""
+    return launcher.strike_all({launcher.name: CUE_BALL_SPOT}, 0.0, strokes, threads=threads)
+
+
+def errors(launcher: Launcher, asked: Sequence[Stroke], strokes: Sequence[SimulatedStroke]) -> Array:
+    """How far strokes along x are from the cueing model at the cue speed that was attained: (n, 3).
 
     Columns: horizontal ball speed [%]; spin, the length of the difference times R over the ball's speed [%] (100 is as
-    much as natural roll); squirt [degrees]. The analytic ball leaves along the cue and keeps the horizontal part; with
-    `rubbed` the slate's friction acts on it afterwards. The bounce comes later, so there is none in either.
+    much as natural roll); squirt [degrees]. The model is models/analytic/cue_impulse.py with the cloth's friction; the
+    hop comes later, so there is none in either.
     """
-    rub = Native().slide if rubbed else 0.0
-    rows = []
-    for (_, side, height), stroke in zip(shots, strokes, strict=True):
-        model = cueing.strike(
-            ANALYTIC_CUE, scene.ball, stroke.cue_speed, scene.azimuth, side, height, slate=0.0, slate_friction=rub
-        )
-        speed = np.hypot(*model.velocity)
-        turn = np.arctan2(model.velocity[1], model.velocity[0]) - scene.azimuth
-        rows.append(
-            (
-                100 * (np.hypot(*stroke.velocity[:2]) / speed - 1),
-                100 * scene.ball.radius * np.linalg.norm(stroke.spin - model.spin) / speed,
-                np.degrees(stroke.squirt - np.arctan2(np.sin(turn), np.cos(turn))),
-            )
-        )
-    return np.array(rows)
-
-
-def compare(
-    shots: Sequence[tuple[float, float, float]], *, slate: bool
-) -> tuple[Sequence[tuple[float, float, float]], list[SimulatedStroke]]:
-    """Run strokes and print their errors by speed and by offset."""
-    scene = build_scene(SNOOKER_TABLE, SNOOKER_BALL, ("white",), CUE_BALL_SPOT, 0.0, slate=slate)
-    strokes = strike_all(scene, shots)
-    wrong = errors(scene, shots, strokes)
-    given = np.array(shots)
-    offset = 1e3 * np.hypot(given[:, 1], given[:, 2])
-    print(
-        f"{len(shots)} strokes, {'ball on the slate' if slate else 'ball afloat'}, against the analytic cueing model;"
+    model, device = launcher.world.model, launcher.device
+    constants = Constants(
+        device.tip_restitution, device.cue_mass, device.end_mass, float(model.parameters()["decoupled_cloth.slide"])
     )
-    print("each pair: root mean square, worst")
+    _, side, height = np.array(asked, float).T
+    attained = np.array([s.cue_speed for s in strokes])
+    velocity, spin = launch(constants, Geometry(model.ball), attained, side, height)
+    found, turned = np.array([s.velocity for s in strokes]), np.array([s.spin for s in strokes])
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    away = np.arctan2(found[:, 1], found[:, 0]) - np.arctan2(velocity[:, 1], velocity[:, 0])
+    return np.column_stack(
+        [
+            100 * (np.hypot(found[:, 0], found[:, 1]) / speed - 1),
+            100 * model.ball.radius * np.linalg.norm(turned - spin, axis=1) / speed,
+            np.degrees(away),
+        ]
+    )
+
+
+def compare(asked: Sequence[Stroke]) -> list[SimulatedStroke]:
+    """Run strokes and print their errors by speed and by offset."""
+    launcher = machine()
+    strokes = played(launcher, asked)
+    wrong, given = errors(launcher, asked, strokes), np.array(asked)
+    offset = 1e3 * np.hypot(given[:, 1], given[:, 2])
+    print(f"{len(asked)} strokes against the cueing model; each pair: root mean square, worst")
     print(f"{'':20}{'strokes':>8}{'ball speed [%]':>18}{'spin [% of roll]':>18}{'squirt [deg]':>18}")
-    every = np.ones(len(given), bool)
-    rows = [(f"cue {v:.1f} m/s", given[:, 0] == v, wrong) for v in np.unique(given[:, 0])]
+    rows = [(f"cue {v:.1f} m/s", given[:, 0] == v) for v in np.unique(given[:, 0])]
     for low in range(0, 18, 3):
-        rows.append((f"offset {low} to {low + 3} mm", (offset > low - 1e-6) & (offset < low + 3 - 1e-6), wrong))
-    rows.append(("all", every, wrong))
-    if slate:
-        rows.append(("all, slate rubs both", every, errors(scene, shots, strokes, rubbed=True)))
-    for name, chosen, found in rows:
+        rows.append((f"offset {low} to {low + 3} mm", (offset > low - 1e-6) & (offset < low + 3 - 1e-6)))
+    rows.append(("all", np.ones(len(given), bool)))
+    for name, chosen in rows:
         if np.any(chosen):
-            part = found[chosen]
+            part = wrong[chosen]
             rms, worst = np.sqrt(np.mean(part**2, axis=0)), part[np.argmax(np.abs(part), axis=0), range(3)]
             text = "".join(f"{a:9.2f}{b:+9.2f}" for a, b in zip(rms, worst, strict=True))
             print(f"{name:20}{len(part):8}{text}")
     slipped = 1e3 * max(s.slip for s in strokes)
     print(f"miscues: {sum(s.miscue for s in strokes)}; farthest the tip slipped: {slipped:.3f} mm")
-    print(f"the cue slows as one of {effective_mass(scene):.3f} kg would ({launcher.CUE_MASS} kg are in it)")
-    return shots, strokes
+    print(f"the cue slows as one of {effective_mass(launcher):.3f} kg would ({CUE_MASS} kg are in it)")
+    return strokes
 
 
-def effective_mass(scene: LauncherScene, cue_speed: float = 2.0) -> float:
+def effective_mass(launcher: Launcher, cue_speed: float = 2.0) -> float:
     """Mass with which the cue hits: momentum of the ball over what the cue loses in speed, centre ball [kg]."""
-    stroke = strike(scene, cue_speed)
-    along = stroke.velocity[0] * np.cos(scene.azimuth) + stroke.velocity[1] * np.sin(scene.azimuth)
-    given = scene.ball.mass * along / np.cos(CUE_TILT)  # the slate turns the impulse along the cue into the horizontal
+    [stroke] = played(launcher, [(cue_speed, 0.0, 0.0)])
+    given = (
+        SNOOKER_BALL.mass * stroke.velocity[0] / np.cos(CUE_TILT)
+    )  # the slate turns the impulse along the cue into the horizontal
     return float(given / (stroke.cue_speed - stroke.cue_left))
 
 
 def needed_cue_speed(ball_speed: float) -> float:
     """Cue speed for a ball hit in the centre, by the analytic model [m/s]."""
-    return (1 + SNOOKER_BALL.mass / launcher.CUE_MASS) * ball_speed / (1 + launcher.TIP_RESTITUTION)
+    return (1 + SNOOKER_BALL.mass / CUE_MASS) * ball_speed / (1 + TIP_RESTITUTION)
 
 
-def closed_form(scene: LauncherScene, cue_speed: float) -> dict[str, float]:
+def closed_form(launcher: Launcher, cue_speed: float) -> dict[str, float]:
     """The drive's peaks by the formulas above: run-up and pull after the hit; SI, turns in rpm."""
-    model = scene.model
+    model = launcher.model
     rack = model.body(f"{NAME_PREFIX}rack").mass[0]
     cue = sum(model.body(f"{NAME_PREFIX}{name}").mass[0] for name in ("cue", "shaft end", "tip"))
     wheel, rotor = model.body(f"{NAME_PREFIX}pinion").inertia.max(), model.body(f"{NAME_PREFIX}motor").inertia.max()
@@ -175,7 +136,7 @@ def closed_form(scene: LauncherScene, cue_speed: float) -> dict[str, float]:
         force + wheel * acceleration / PINION_RADIUS_M**2
     ) * PINION_RADIUS_M / GEAR_RATIO + rotor * acceleration * GEAR_RATIO / PINION_RADIUS_M
     grip = model.jnt_stiffness[model.joint(f"{NAME_PREFIX}grip slide").id]
-    lost = cue_speed * (1 + launcher.TIP_RESTITUTION) / (1 + SNOOKER_BALL.mass / cue) * SNOOKER_BALL.mass / cue
+    lost = cue_speed * (1 + TIP_RESTITUTION) / (1 + SNOOKER_BALL.mass / cue) * SNOOKER_BALL.mass / cue
     return {
         "acceleration": acceleration,
         "force": force,
@@ -183,17 +144,18 @@ def closed_form(scene: LauncherScene, cue_speed: float) -> dict[str, float]:
         "power": 0.6495 * torque * GEAR_RATIO / PINION_RADIUS_M * cue_speed,
         "motor": cue_speed * GEAR_RATIO / PINION_RADIUS_M * RPM_PER_RAD_S,
         "pinion": cue_speed / PINION_RADIUS_M * RPM_PER_RAD_S,
-        "pull": lost * np.sqrt(grip * cue) + (rack + cue) * launcher.BRAKING_DECELERATION,
+        "pull": lost * np.sqrt(grip * cue) + (rack + cue) * BRAKING_DECELERATION,
     }
 
 
 def print_drive(ball_speed: float = 4.0) -> None:
     """Print what a ball of this speed asks of the drive, simulated and in closed form, beside its rating."""
-    scene = build_scene(SNOOKER_TABLE, SNOOKER_BALL, ("white",), CUE_BALL_SPOT, 0.0)
-    trial = strike(scene, needed_cue_speed(ball_speed))
+    launcher, places = machine(), {"white": CUE_BALL_SPOT}
+    [trial] = played(launcher, [(needed_cue_speed(ball_speed), 0.0, 0.0)])
     cue_speed = needed_cue_speed(ball_speed) * ball_speed / float(np.hypot(*trial.velocity[:2]))
-    upto, whole = strike(scene, cue_speed), strike(scene, cue_speed, follow_through=True)
-    ideal = closed_form(scene, needed_cue_speed(ball_speed))
+    [upto] = played(launcher, [(cue_speed, 0.0, 0.0)])
+    whole = launcher.strike(launcher.world.place(places), cue_speed, follow_through=True)
+    ideal = closed_form(launcher, needed_cue_speed(ball_speed))
     motor = upto.motor_speed * RPM_PER_RAD_S
     print(f"\ndrive for a ball of {ball_speed} m/s")
     print(f"{'':34}{'simulated':>12}{'closed form':>13}{'200 W servo':>14}")
@@ -226,12 +188,12 @@ def print_drive(ball_speed: float = 4.0) -> None:
     print("within its continuous rating too" if able and often else "above its continuous rating, for the run-up only")
 
 
-def write_csv(path: Path, shots: Sequence[tuple[float, float, float]], strokes: Sequence[SimulatedStroke]) -> None:
+def write_csv(path: Path, asked: Sequence[Stroke], strokes: Sequence[SimulatedStroke]) -> None:
     """Write every stroke, SI."""
     head = "speed_asked,side,height,cue_speed,vx,vy,vz,wx,wy,wz,squirt,contact_time,tip_force,slip,miscue\n"
     rows = []
-    for shot, s in zip(shots, strokes, strict=True):
-        values = (*shot, s.cue_speed, *s.velocity, *s.spin, s.squirt, s.contact_time, s.tip_force, s.slip)
+    for one, s in zip(asked, strokes, strict=True):
+        values = (*one, s.cue_speed, *s.velocity, *s.spin, s.squirt, s.contact_time, s.tip_force, s.slip)
         rows.append(",".join(f"{value:.6g}" for value in values) + f",{int(s.miscue)}\n")
     write_whole(path, (head + "".join(rows)).encode(), parents=True)
 
@@ -244,53 +206,47 @@ def picture(path: Path, width: int = 1280) -> None:
     if not 160 <= width <= 4096:
         raise BadInput(f"width is {width}; give 160 to 4096 pixels")
     require_rendering()
-    others = np.array([[-0.2, 0.35], [0.9, 0.0], [0.45, -0.3]])
-    scene = build_scene(
-        SNOOKER_TABLE,
-        SNOOKER_BALL,
-        ("white", "yellow", "red 1", "blue"),
-        CUE_BALL_SPOT,
-        0.0,
-        others=others,
-        furnished=True,
-    )
+    others = {"yellow": (-0.2, 0.35), "red 1": (0.9, 0.0), "blue": (0.45, -0.3)}
+    world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", *others), furnished=True)
+    launcher = Launcher(world)
     eye, target = np.array([-1.42, 1.16, 0.52]), np.array([-2.0, 0.0, 0.04])
     back = (eye - target) / np.linalg.norm(eye - target)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)
-    camera = scene.spec.worldbody.add_camera(name="launcher", pos=eye, fovy=45)
+    camera = world.spec.worldbody.add_camera(name="launcher", pos=eye, fovy=45)
     camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
     camera.alt.xyaxes = np.concatenate([right, np.cross(back, right)])
-    scene.spec.worldbody.add_light(
+    world.spec.worldbody.add_light(
         name="work lamp", pos=[-2.0, 1.3, 1.5], dir=[-0.25, -0.65, -0.7], diffuse=[0.42, 0.42, 0.4], castshadow=False
     )
     size = (width, width * 9 // 16)
-    scene.spec.visual.global_.offwidth, scene.spec.visual.global_.offheight = size
-    model = scene.spec.compile()
-    data = mujoco.MjData(model)
+    world.spec.visual.global_.offwidth, world.spec.visual.global_.offheight = size
+    world.recompile()
+    data = world.place({"white": CUE_BALL_SPOT, **others})
+    launcher.aim(data, 0.0)
     data.joint(f"{NAME_PREFIX}rack").qpos = 0.06
     data.joint(f"{NAME_PREFIX}pinion").qpos = 0.06 / PINION_RADIUS_M
-    mujoco.mj_forward(model, data)
-    with mujoco.Renderer(model, size[1], size[0]) as renderer:
+    mujoco.mj_forward(world.mj_model, data)
+    with mujoco.Renderer(world.mj_model, size[1], size[0]) as renderer:
         renderer.update_scene(data, "launcher")
         write_png(np.array(renderer.render()), path)
 
 
-@lone_command("models.mjcf.stroke")
+@lone_command("models.mujoco.stroke")
 @click.option("--grid", is_flag=True, help="All 455 strokes; without it a coarse grid of 36.")
-@click.option("--float", "afloat", is_flag=True, help="Leave out the slate under the ball.")
 @click.option("--out", metavar="CSV", type=OUTPUT_FILE, help="Write every stroke.")
 @click.option("--picture", "picture_file", type=FILE_PATH, metavar="OUT.png", help="Only draw the launcher.")
 @click.option("--width", type=int, default=1280, show_default=True, help="Width of the picture [pixels].")
-def main(grid: bool, afloat: bool, out: Path | None, picture_file: Path | None, width: int) -> int:
+def main(grid: bool, out: Path | None, picture_file: Path | None, width: int) -> int:
     """Compare the launcher's strokes with the cueing model, and print what a 4 m/s ball asks of its drive."""
     if picture_file:
         picture(picture_file, width)
         return Status.DONE
-    shots, strokes = compare(PAPER_GRID if grid else SMALL_GRID, slate=not afloat)
+    asked = PAPER_GRID if grid else SMALL_GRID
+    strokes = compare(asked)
     print_drive()
     if out:
-        write_csv(out, shots, strokes)
+        write_csv(out, asked, strokes)
     return Status.DONE
 
 
