@@ -85,12 +85,10 @@ def _whole(track: Track, times: Array, stroke: SimulatedStroke, at_rest: Array) 
     early = int(np.sum(times <= stroke.since))
     part = (times[:early] / stroke.since)[:, None, None]
     before = at_rest + part * (track.position[0] - at_rest)
-    joined = {
-        name: np.concatenate([first, getattr(track, name)[1:]])
-        for name, first in (
-            ("position", before), ("velocity", part * track.velocity[0]), ("spin", part * track.spin[0]),
-            ("theta", np.zeros((early, len(track.names)))),
-        )
-    }  # fmt: skip
+    after = slice(1, None)
+    position = np.concatenate([before, track.position[after]])
+    velocity = np.concatenate([part * track.velocity[0], track.velocity[after]])
+    spin = np.concatenate([part * track.spin[0], track.spin[after]])
+    theta = np.concatenate([np.zeros((early, len(track.names))), track.theta[after]])
     events = tuple(dataclasses.replace(e, time=e.time + stroke.since) for e in track.events)
-    return dataclasses.replace(track, times=times, events=events, **joined)
+    return Track(track.names, times, position, velocity, spin, theta, events)

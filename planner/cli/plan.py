@@ -26,6 +26,7 @@ from planner.cli.common import execution_option, load_execution, load_model, mod
 from sysid.cli.common import print_recording
 
 if TYPE_CHECKING:
+    from models.model_file import Model
     from planner.evaluation.value import UtilityWeights
     from planner.launcher.execution import Execution
     from planner.launcher.stroke import LauncherModel

@@ -2,8 +2,8 @@
 
 In: a scene, a model and strokes q (n, 4), with constants of the model per stroke if wanted. Out: outcomes, or tracks.
 Both engines play all of the model's effects, with jaws at the pockets. The search uses the event engine
-(models/engine); MuJoCo checks the finalists, which the launcher's tip strikes there. A model that edits the MJCF can be played in MuJoCo only, and then a
-search takes ten times as long. Camera effects are left out: they change no shot.
+(models/engine); MuJoCo checks the finalists, which the launcher's tip strikes there. A model that edits the MJCF can be
+played in MuJoCo only, and then a search takes ten times as long. Camera effects are left out: they change no shot.
 """
 
 from __future__ import annotations
@@ -100,9 +100,7 @@ class Player:
                 launcher's range is played at its end.
             values: constants of the model by name, (n,) each.
         """
-        launcher = self.launcher
-        if not isinstance(launcher, MappedLauncher):
-            raise TypeError("a launcher without a map has no tip")
+        launcher = self.mapped()
         model = without_squirt(self.model) if launcher.squirt_in_model else self.model
         low, high = CUE_SPEED_RANGE
         speed = np.clip(tips[:, SPEED], low, high)
@@ -115,6 +113,12 @@ class Player:
             device=launcher.device, jaws=True, threads=self.threads,
         )  # fmt: skip
         return of_tracks(scene, tracks), made
+
+    def mapped(self) -> MappedLauncher:
+        """The launcher, whose tip is known by its map; TypeError if it has none."""
+        if not isinstance(self.launcher, MappedLauncher):
+            raise TypeError(f"{type(self.launcher).__name__} has no map; make it with usual_launcher or with_map")
+        return self.launcher
 
     def _durations(self, speed: Array) -> Array:
         """How long balls of a first speed (n,) [m/s] are played [s]."""

@@ -23,7 +23,6 @@ from planner.evaluation.outcome import FOULS, Outcomes
 from planner.evaluation.play import Player
 from planner.evaluation.value import UtilityWeights, rest_distance, utility
 from planner.launcher.execution import Execution, normal_samples
-from planner.launcher.mapped import MappedLauncher
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, launch
 from planner.scene import Scene
 
@@ -55,8 +54,7 @@ class ErrorSamples:
 
     def strike(self, player: Player, q: Array) -> tuple[Outcomes, TipDifference]:
         """Play strokes (n, 4) with every sample by the launcher's tip in MuJoCo; and how it differs from the plan."""
-        launcher = player.launcher
-        assert isinstance(launcher, MappedLauncher)
+        launcher = player.mapped()
         size = self.execution.perturb(np.zeros((1, 4)), self.normal)[0]  # of azimuth and contact
         size[:, [SIDE, HEIGHT]] /= launcher.cueing_map.geometry.lever
         tips = launcher.tip_strokes(q)[:, None, :] + size

@@ -3,7 +3,8 @@
 In: hidden constants, execution errors and a seed. Out: a `CueShot` for every commanded stroke. The constants (cue, end
 mass, leather, cloth, zeros of stage and aim) are drawn within what is known of them. Each stroke has its own errors:
 cue speed within some 1 %, ball and stage put back within 0.1 to 0.3 mm (normal plus backlash), aim within half a
-milliradian. The tip strikes in a world that `mj_step` moves (models/mujoco/launcher.py). After the hit the ball runs in closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis, and is measured as at a table
+milliradian. The tip strikes in a world that `mj_step` moves (models/mujoco/launcher.py). After the hit the ball runs in
+closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis, and is measured as at a table
 (robot/cueing/first_track.py). Leaves out the hop of the ball after the hit and faults of the tracking.
 """
 
