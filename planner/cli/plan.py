@@ -133,7 +133,7 @@ def plan(
     asked = read_scene(scene)
     tell_doubts(scene, asked.camera_doubts)
     model = load_model(model_file, asked)
-    launcher, execution = hardware.launcher(asked.ball)
+    launcher, execution = hardware.launcher(model)
     execution = execution or load_execution(hardware.execution_file, model)
     started = time.monotonic()
     made = make_plan(
