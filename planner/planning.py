@@ -253,6 +253,8 @@ def moving(track: Track) -> list[dict[str, Any]]:
         end = min(int(before_end[-1]) + 2, int(on_table.sum())) if before_end.size else 1
         times, places = track.times[:end].round(4).tolist(), _rounded(xy[:end])
         if fell is not None and fell.place is not None:
+            if times[-1] >= round(fell.time, 4):  # rounded to the same time
+                times, places = times[:-1], places[:-1]
             times.append(round(fell.time, 4))
             places.append([round(float(v), 5) for v in fell.place])
         out.append({"ball": name, "t": times, "xy": places})
