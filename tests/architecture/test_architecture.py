@@ -26,7 +26,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "mjcf": ("files", "analytic"),
         "engine": ("analytic",),
         "workers": ("engine",),
-        "mujoco": ("analytic", "engine", "mjcf"),
+        "mujoco": ("analytic", "engine", "files", "mjcf"),
         "simulation": ("analytic", "engine", "mujoco"),
         "recording": ("files", "mjcf"),
         "environment": ("mjcf",),

@@ -13,6 +13,9 @@ SAYS = {
     "own_loop": r"at rest after \d+\.\d+ s; the hardest contact took \d{3,5} N",
     "batch": r"red +\+\d+\.\d mm aside: at \[.* after 1\.5 s",
     "paddle": r"paddle at -?0\.\d+ m, white at 0\.\d+ m",
+    "launcher": r"cue 1\.[45]\d+ m/s, ball 1\.\d+ m/s, squirt 0\.\d+ degrees, tip \d{3} N\nthe slate bears \d\.\d+ N",
+    "gymnasium_env": r"reward -?\d\.\d+; white stopped at \[",
+    "viewer": r"red after the shot: \[",
     "physics": r"a picture of \(360, 640, 3\)",
 }
 
@@ -21,8 +24,12 @@ def test_each_example_is_run_here() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("name", ["own_loop", "batch", "paddle"])
-def test_an_example_runs(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", ["own_loop", "batch", "paddle", "launcher", "viewer", "gymnasium_env"])
+def test_an_example_runs(name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    if name == "gymnasium_env":
+        pytest.importorskip("shimmy", reason="needs the extra gym: pip install -e '.[gym]'")
+    monkeypatch.chdir(EXAMPLES.parents[1])
+    monkeypatch.delenv("DISPLAY", raising=False)  # no window opens
     runpy.run_path(str(EXAMPLES / f"{name}.py"))
     assert re.search(SAYS[name], capsys.readouterr().out)
 
