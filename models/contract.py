@@ -104,6 +104,10 @@ def declared(kind: type[Effect]) -> list[str]:
             faults.append(f"{name}: off is {meta['off']}; give a finite number, or None if it only shapes the effect")
         if not meta["unit"].strip():
             faults.append(f"{name}: no unit; a pure number has the unit 1")
+        published = meta.get("published")
+        if published is not None and not published[0] < meta["default"] <= published[1]:
+            low, high = published
+            faults.append(f"{name}: default {meta['default']} lies outside the published {low} to {high}")
         if len(meta["source"]) <= 5:
             faults.append(f"{name}: no source; say where its value and bounds come from")
     return faults

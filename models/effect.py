@@ -40,12 +40,20 @@ __all__ = [
 ELSEWHERE = ("forces", "horizon", "strike", "observe", "exposures", "edit")  # hooks that act not at impacts alone
 
 
-def param(default: float, *, off: float | None, unit: str, bounds: tuple[float, float], source: str) -> Any:
+def param(
+    default: float, *, off: float | None, unit: str, bounds: tuple[float, float], source: str,
+    published: tuple[float, float] | None = None, published_by: str = "",
+) -> Any:  # fmt: skip
     """Declare a parameter: its usual value, the value at which it vanishes, its unit, bounds and source.
 
-    A parameter that only shapes the effect, and vanishes at no value of its own, has `off` None.
+    A parameter that only shapes the effect, and vanishes at no value of its own, has `off` None. `published` are the
+    smallest and the largest value that measurements of real tables gave, and `published_by` who gave them: how far a
+    table that nobody measured may be from the usual value (planner/evaluation/literature.py).
     """
-    return dataclasses.field(default=default, metadata={"off": off, "unit": unit, "bounds": bounds, "source": source})
+    about = {"off": off, "unit": unit, "bounds": bounds, "source": source}
+    if published is not None:
+        about |= {"published": published, "published_by": published_by}
+    return dataclasses.field(default=default, metadata=about)
 
 
 @cache

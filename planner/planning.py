@@ -25,6 +25,7 @@ from models.model_file import Model
 from models.shot import Track
 from planner.evaluation.outcome import FOULS
 from planner.evaluation.play import Player
+from planner.evaluation.published import unfitted_spread, with_published_spread
 from planner.evaluation.risk import ErrorSamples, Evaluation, draw_errors
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
@@ -67,7 +68,8 @@ def make_plan(
 
     Args:
         scene: balls and goal.
-        model: fitted to the same table and ball.
+        model: fitted to the same table and ball; constants without a standard deviation vary as published ones do
+            (planner/evaluation/published.py).
         execution: how well the launcher repeats; the usual launcher if not given.
         weights: of the utility; the usual ones if not given.
         method: "risk", the search under errors, or "ga", the paper's on the nominal model.
@@ -85,8 +87,8 @@ def make_plan(
     if method not in METHODS:
         raise BadInput(f"method is {method!r}; choose from {', '.join(METHODS)}")
     execution, weights, effort = execution or Execution(), weights or UtilityWeights(), effort or Effort()
-    player = Player(model, scene, launcher or usual_launcher(model), threads)
-    head = _head(player, execution, weights, method, seed)
+    player = Player(with_published_spread(model), scene, launcher or usual_launcher(model), threads)
+    head = _head(player, model, execution, weights, method, seed)
     if method == "ga":
         strokes, why = _baseline_stroke(player, execution, weights, seed, effort)
     else:
@@ -98,7 +100,7 @@ def make_plan(
     best = strokes[0].evaluation
     plan = _stroke_entries(player, strokes[0]) | {"why": why}
     plan["launcher"]["theta_tolerance_deg"] = yaw_tolerance(player, best.q, execution, seed + 2)
-    plan |= _plays(player, best, draw_errors(model, execution, effort.fresh, seed + 1))
+    plan |= _plays(player, best, draw_errors(player.model, execution, effort.fresh, seed + 1))
     others = [_stroke_entries(player, one) for one in strokes[1 : 1 + MAX_ALTERNATIVES]]
     for other in others:
         other["why"] = _comparison(plan, other)
@@ -125,20 +127,24 @@ def plan_of(
         The plan as plain values.
     """
     effort, weights = effort or Effort(), UtilityWeights()
-    player = Player(model, scene, launcher)
+    player = Player(with_published_spread(model), scene, launcher)
     rows = launcher.playable(stroke[None], scene.ball)
-    samples = draw_errors(model, execution, effort.fresh, seed + 1)
+    samples = draw_errors(player.model, execution, effort.fresh, seed + 1)
     final, engines, _ = in_both_engines(player, samples, rows, weights, effort.checked)
     plan = _entries(player, final[0], engines[0]) | {"pocket": None, "kind": why, "why": why, "alternatives": []}
-    return _head(player, execution, weights, GIVEN, seed) | plan | _plays(player, final[0], samples)
+    return _head(player, model, execution, weights, GIVEN, seed) | plan | _plays(player, final[0], samples)
 
 
-def _head(player: Player, execution: Execution, weights: UtilityWeights, method: str, seed: int) -> dict[str, Any]:
-    """The entries of a plan that do not depend on its stroke."""
-    model = player.model
+def _head(
+    player: Player, model: Model, execution: Execution, weights: UtilityWeights, method: str, seed: int
+) -> dict[str, Any]:
+    """The entries of a plan that do not depend on its stroke; `model` as it was given."""
+    about = {
+        "effects": [e.name() for e in player.model.effects], "fitted": bool(model.estimates),
+        "published_sd": {name: float(f"{sd:.3g}") for name, sd in unfitted_spread(model).items()},
+    }  # fmt: skip
     return {
-        "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene),
-        "model": {"effects": [e.name() for e in model.effects], "fitted": bool(model.estimates)},
+        "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene), "model": about,
         "execution": asdict(execution), "wish": asdict(weights),
     }  # fmt: skip
 

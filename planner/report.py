@@ -100,6 +100,12 @@ def _fouls(plan: Mapping[str, Any]) -> list[tuple[str, str, float]]:
     return [(name, given(100 * chance, ".1f", " %"), min(100.0, 100 * chance)) for name, chance in fouls]
 
 
+def _published(model: Mapping[str, Any]) -> str:
+    """Constants whose standard deviations are those of published values."""
+    spread = model.get("published_sd") or {}
+    return ", ".join(f"{name} {sd:.2g}" for name, sd in spread.items()) or "none"
+
+
 def _computed(plan: Mapping[str, Any], table: Table, ball: Ball) -> list[tuple[str, str]]:
     """What the plan was computed with, as (what, value)."""
     execution, model = plan.get("execution") or {}, plan.get("model") or {}
@@ -116,6 +122,7 @@ def _computed(plan: Mapping[str, Any], table: Table, ball: Ball) -> list[tuple[s
         ("execution errors, one standard deviation", errors),
         ("model", PurePath(str(model.get("file") or "none given: the base with its usual constants")).name),
         ("effects", ", ".join(model.get("effects") or []) or "none"),
+        ("constants that were not fitted vary as published values do, one standard deviation", _published(model)),
         ("samples", f"{len(plan.get('fan') or [])} drawn as lines, {len(resting(plan)[0])} as resting positions"),
         ("value of the plan", given(plan.get("value"), ".2f")),
         ("table, ball", f"{table.length:g} m × {table.width:g} m, {1e3 * ball.diameter:g} mm, {ball.mass:g} kg"),

@@ -19,7 +19,9 @@ def plan_lines(made: Mapping[str, Any]) -> list[str]:
         return [f"no shot: {made['why']}"]
     low, high = made["launcher"]["theta_tolerance_deg"]
     yaw = f"yaw: {made['launcher']['theta_deg']:.2f} degrees, {low:+.2f} to {high:+.2f} costs a tenth of the pots"
-    return [sentence(made), made["why"], yaw]
+    spread = (made.get("model") or {}).get("published_sd") or {}
+    unfitted = f"constants that were not fitted vary as published values do: {', '.join(spread)}"
+    return [sentence(made), made["why"], yaw, *[unfitted] * bool(spread)]
 
 
 def stroke_rows(made: Mapping[str, Any]) -> list[tuple[str, ...]]:

@@ -108,6 +108,8 @@ def _print_effect(name: str, entry: dict[str, Any]) -> None:
         low, high = meta["bounds"]
         off = "no value switches it off" if meta["off"] is None else f"off at {meta['off']:g}"
         print(f"    {key} = {meta['default']:g} [{meta['unit']}], {low:g} to {high:g}, {off}: {meta['source']}")
+        if "published" in meta:
+            print("      published: {:g} to {:g} ({})".format(*meta["published"], meta["published_by"]))
 
 
 @click.command()

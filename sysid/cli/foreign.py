@@ -19,7 +19,7 @@ from sysid.cli.tables import TableOptions
 if TYPE_CHECKING:
     from models.presets import TableSet
     from sysid.clips.header import Header
-    from sysid.foreign.convert import ShotFile, Stated
+    from sysid.foreign.convert import Imported, ShotFile, Stated
     from sysid.foreign.pixels import Pixels
     from sysid.vision.camera.projection import Camera
 
@@ -78,8 +78,9 @@ def import_(
     """Import tracks of other programs as a clip set.
 
     FILE... are CSV, JSON or Parquet, a shot each, with a row for each ball or a row for each frame; or a clip set whose
-    entries are in another unit, from another origin or along other axes. What no option says is looked for in the
-    tracks, and printed. Draws the tracks over the table first, and writes nothing that they contradict.
+    entries are in another unit, from another origin or along other axes; or simulated systems of pooltool, JSON or
+    MessagePack, which say themselves on what table they are. What no option says is looked for in the tracks, and
+    printed. Draws the tracks over the table first, and writes nothing that they contradict.
 
     Example: sysid import shots/*.csv --table "pool 8 ft" --out CLIPS
     """
@@ -93,15 +94,19 @@ def import_(
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadInput(f"{out}: is there already; choose another folder")
-    paths, shots, header = _shots(files)
+    systems = _of_pooltool(files)
+    paths, shots, header = ([], [], None) if systems else _shots(files)
     camera = None
     if camera_file is not None:
         from sysid.vision.camera.projection import read_camera
 
         camera = read_camera(camera_file)
-    known, pixels = _table(sizes, camera, header)
-    fps = header.camera.get("fps") if header else None
-    found = import_files(paths, shots, known.table, known.ball, reading.stated(fps), pixels)
+    if systems:
+        found = _systems(files, sizes, camera, reading)
+    else:
+        known, pixels = _table(sizes, camera, header)
+        fps = header.camera.get("fps") if header else None
+        found = import_files(paths, shots, known.table, known.ball, reading.stated(fps), pixels)
     clip_set = found.clip_set
     if header is not None:
         sigma = header.camera.get("sigma")
@@ -125,6 +130,34 @@ def import_(
     write_clip_set(clip_set, out)
     print(f"clips: {out}, {len(clip_set.clips)} shots (continue with: {as_called(f'sysid check {out}')})")
     return Status.DONE
+
+
+def _of_pooltool(files: tuple[Path, ...]) -> bool:
+    """Whether the files are pooltool's; BadInput where some are and some are not."""
+    from sysid.pooltool.document import is_pooltool
+
+    kinds = {file: is_pooltool(file) for file in files}
+    if any(kinds.values()) and not all(kinds.values()):
+        other = next(file for file, theirs in kinds.items() if not theirs)
+        raise BadInput(f"{other}: is no file of pooltool's, as others are: import them apart")
+    return all(kinds.values())
+
+
+def _systems(files: tuple[Path, ...], sizes: TableOptions, camera: Camera | None, reading: ReadingOptions) -> Imported:
+    """Systems of pooltool, which say how they are meant; BadInput for an option that says so too."""
+    from sysid.pooltool.clips import import_pooltool
+
+    told = {
+        "--unit": reading.unit, "--origin": reading.origin, "--x-along": reading.x_along, "--y": reading.y,
+        "--turned": reading.turned, "--time": reading.time, "--struck": reading.struck, "--running": reading.running,
+        "--columns": reading.columns, "--camera": camera,
+    }  # fmt: skip
+    for option in (name for name, value in told.items() if value):
+        raise BadInput(f"{option}: pooltool's files say that themselves: leave it out")
+    known = sizes.table_set() if sizes.table_name is not None else None
+    return import_pooltool(
+        files, table=known.table if known else None, ball=known.ball if known else None, fps=reading.fps
+    )
 
 
 def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header | None]:

@@ -40,8 +40,13 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "validation": ("clips", "estimation"),
         "residuals": ("clips", "estimation"),
         "selection": ("clips", "estimation"),
+        "foreign": ("clips",),
+        "pooltool": ("clips", "foreign"),
         "report": ("clips", "vision", "estimation", "residuals", "selection"),
-        "cli": ("clips", "direct", "vision", "estimation", "validation", "residuals", "selection", "report"),
+        "cli": (
+            "clips", "direct", "vision", "estimation", "validation", "residuals", "selection", "foreign", "pooltool",
+            "report",
+        ),
     },
     "sysid.vision": {
         "camera": (),

@@ -23,12 +23,17 @@ class DecoupledCloth(Effect):
     """Friction of the cloth, decoupled."""
 
     slide: float = param(
-        0.2, off=0.0, unit="1", bounds=(0.05, 0.6), source="Mathavan 2009: 0.178 to 0.245 on a snooker table"
-    )
-    roll: float = param(0.0127, off=0.0, unit="1", bounds=(0.001, 0.05), source="Mathavan 2009: 0.0126 to 0.0128")
+        0.2, off=0.0, unit="1", bounds=(0.05, 0.6), source="Mathavan 2009: 0.178 to 0.245 on a snooker table",
+        published=(0.15, 0.4), published_by="Alciatore, pool: 0.15 to 0.4",
+    )  # fmt: skip
+    roll: float = param(
+        0.0127, off=0.0, unit="1", bounds=(0.001, 0.05), source="Mathavan 2009: 0.0126 to 0.0128",
+        published=(0.005, 0.015), published_by="Alciatore, pool: 0.005 to 0.015",
+    )  # fmt: skip
     spin: float = param(
-        22.0, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source="Robotic Billiards (2015), sidespin deceleration"
-    )
+        22.0, off=0.0, unit="rad/s^2", bounds=(1.0, 80.0), source="Robotic Billiards (2015), sidespin deceleration",
+        published=(5.0, 22.0), published_by="Alciatore, pool: 5 to 15 rad/s^2; Robotic Billiards (2015): 22",
+    )  # fmt: skip
 
     plain: ClassVar[bool] = True
     slot: ClassVar[str] = "cloth"

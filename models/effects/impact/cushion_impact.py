@@ -19,9 +19,13 @@ class CushionImpact(Effect):
     """Restitution and friction of the cushion."""
 
     restitution: float = param(
-        0.9, off=0.0, unit="1", bounds=(0.3, 1.0), source="Mathavan 2010: 0.98 below 1.5 m/s; carom and pool less"
-    )
-    friction: float = param(0.14, off=0.0, unit="1", bounds=(0.0, 0.43), source="Mathavan 2010")
+        0.9, off=0.0, unit="1", bounds=(0.3, 1.0), source="Mathavan 2010: 0.98 below 1.5 m/s; carom and pool less",
+        published=(0.6, 0.98), published_by="Alciatore, pool: 0.6 to 0.9; Mathavan 2010, snooker: 0.98",
+    )  # fmt: skip
+    friction: float = param(
+        0.14, off=0.0, unit="1", bounds=(0.0, 0.43), source="Mathavan 2010",
+        published=(0.092, 0.471), published_by="Han 2005, carom: 0.471 less 0.241 a radian from the normal",
+    )  # fmt: skip
 
     plain: ClassVar[bool] = True
     slot: ClassVar[str] = "cushion_impact"
