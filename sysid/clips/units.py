@@ -11,7 +11,7 @@ import numpy as np
 from models.shot import Array
 from sysid.clips.aims import reading_command
 from sysid.clips.clip_set import ClipSet
-from sysid.clips.readings import all_readings, directed, likely_readings, places, share_inside
+from sysid.clips.readings import all_readings, directed, likely_readings, may_be_pixels, places, share_inside
 
 SECONDS_BY_UNIT = {"milliseconds": 1e-3, "microseconds": 1e-6}
 MIN_SHARE_OUTSIDE = 0.05  # of the rows of a clip, for its coordinates to be suspect
@@ -36,7 +36,12 @@ def coordinates_fault(clip_set: ClipSet) -> str | None:
     if fits:
         best = directed(clip_set, fits[0].reading) or fits[0].reading
         command = reading_command(clip_set, best.options())
-        return f"{head} look like {best.looks()}: {command}, or {best.remedy()}"
+        text = f"{head} look like {best.looks()}: {command}, or {best.remedy()}"
+        if may_be_pixels(clip_set) and not fits[0].shows_scale:
+            text += (
+                f"; if they are pixels, calibrate the camera, then: {reading_command(clip_set, '--camera CAM.toml')}"
+            )
+        return text
     if max(x1 - x0, y1 - y0) < MIN_PIXELS * table.length:
         return None
     command = reading_command(clip_set, "--camera CAM.toml")

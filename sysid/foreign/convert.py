@@ -28,6 +28,7 @@ from sysid.clips.readings import (
     ReadingEvidence,
     directed,
     likely_readings,
+    may_be_pixels,
     places,
     possible_readings,
     read_so,
@@ -45,6 +46,7 @@ from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
 
+PIXELS_REMEDY = "; where they are pixels, give --camera CAM.toml (made with: sysid calibrate)"
 RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as well
 
 
@@ -167,12 +169,18 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     among = stated.readings(unit)
     fits = likely_readings(clip_set, among)
     if not fits and len(among) > 1:
-        fits = [_only_possible(clip_set, among)]
+        fits = [_only_possible(clip_set, among, stated.unit or unit)]
     best = fits[0].reading if fits else among[0]
     rivals = [one.reading for one in fits[1:] if _rivals(one, fits[0])]
     if rivals:
         either = f"{best.looks()}, or {rivals[0].looks()}"
         raise BadInput(f"{_extents(clip_set)}: {either}? {_ask([best, *rivals])}")
+    settled = stated.unit or unit or (bool(fits) and fits[0].shows_scale)
+    if not settled and may_be_pixels(clip_set):
+        raise BadInput(
+            f"{_extents(clip_set)}: {best.looks()}, or pixels? no cushion and no ball's size tells; "
+            f"where they are lengths, give --unit {best.unit}{PIXELS_REMEDY}"
+        )
     reading = best
     if stated.y_down is None or stated.turned is None:
         found = directed(clip_set, best)
@@ -188,7 +196,7 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
 
 
-def _only_possible(clip_set: ClipSet, among: Sequence[Reading]) -> ReadingEvidence:
+def _only_possible(clip_set: ClipSet, among: Sequence[Reading], stated_unit: str | None) -> ReadingEvidence:
     """Of short tracks, which speak for no reading, the one that puts them on the table; BadInput where not one does."""
     possible, extents = possible_readings(clip_set, among), _extents(clip_set)
     if not possible:
@@ -198,7 +206,8 @@ def _only_possible(clip_set: ClipSet, among: Sequence[Reading]) -> ReadingEviden
         )
     if len(possible) > 1:
         ask = _ask([one.reading for one in possible])
-        raise BadInput(f"{extents}: too little of the table to tell how they are meant; {ask}")
+        pixels = "" if stated_unit or not may_be_pixels(clip_set) else PIXELS_REMEDY
+        raise BadInput(f"{extents}: too little of the table to tell how they are meant; {ask}{pixels}")
     return possible[0]
 
 

@@ -173,6 +173,12 @@ BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
     "too short still": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), ("--unit", "m"), "say so with --x-along"),
     "no unit": (lone(1e5 * STRAIGHT, STRAIGHT), (), "pixels need --camera"),
     "pixels": (lone(1e3 * STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"), (), "give the camera's file with --camera"),
+    "mm or pixels": (lone(2e2 + 3e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT), (), "or pixels? no cushion"),
+    "too short for pixels": (
+        lone(5e2 + 1e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT),
+        (),
+        "are pixels, give --camera",
+    ),
     "frames": ("frame,x,y\n0,1,2\n1,1,2\n2,1,2\n", (), "--fps"),
     "a column of another line": (
         't,ball,"x\u2028z",y\n0,cue,1,2\n0.1,cue,far,2\n',
@@ -211,6 +217,19 @@ def test_a_short_track_is_read_the_only_way_that_puts_it_on_the_table(
     [clip] = imported([tmp_path / "a.csv"], tmp_path / "out", "--unit", "m", "--origin", "centre").clips
     assert clip.balls["cue"].xy[-1] == pytest.approx([1.34, 0.07], abs=1e-5)
     assert "x along the length" in capsys.readouterr().out
+
+
+def test_lengths_that_lie_on_the_table_as_the_format_has_them_are_read_so(tmp_path: Path) -> None:
+    """One slow ball: across the width it would lie off the table, and in feet it shows too little of it."""
+    (tmp_path / "a.csv").write_text(lone(-1.0 + 2.5 * (STRAIGHT - 0.1), 0.1 + 0.9 * (STRAIGHT - 0.1)))
+    [clip] = imported([tmp_path / "a.csv"], tmp_path / "out").clips
+    assert clip.balls["cue"].xy[-1] == pytest.approx([0.5, 0.64], abs=1e-5)
+
+
+def test_what_may_be_pixels_is_read_in_the_unit_that_is_stated(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(lone(2e2 + 3e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT))
+    [clip] = imported([tmp_path / "a.csv"], tmp_path / "out", "--unit", "mm").clips
+    assert clip.balls["cue"].xy[-1] == pytest.approx([2.3 - LENGTH / 2, 0.37 - WIDTH / 2], abs=1e-5)
 
 
 def test_what_the_tracks_contradict_is_drawn_and_not_written(
