@@ -119,7 +119,7 @@ def import_(
     source = files[0] if header is not None else Path("FILES")
     clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
     for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):
-        if one.certain:
+        if one.certain and not one.unless:  # else the clip set says so, which is there for that
             raise BadInput(f"{one.text} (nothing was written; look at {picture})")
         print(f"warning: {one.text}", file=sys.stderr, flush=True)
     write_clip_set(clip_set, out)

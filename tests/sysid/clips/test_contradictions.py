@@ -96,6 +96,20 @@ def test_times_as_a_film_is_played_are_told_by_how_balls_roll(tmp_path: Path) ->
     assert "set off at 1.85 of the commanded speed" in fault and "correct t and fps" in fault
 
 
+def test_a_frame_rate_that_makes_balls_slow_down_as_on_no_cloth_stops_until_it_is_said_to_be_right(
+    tmp_path: Path,
+) -> None:
+    """Twice the frames taken in a second: no ball is too fast for a cue, yet all roll as through sand."""
+    folder = spoiled(tmp_path / "fast", lambda t, x, y: (t / 2, x, y), fps=240.0)
+    file = folder / "clips.toml"
+    text = re.sub(r"\n\[clip.cue\]\n(\w+ = .*\n)*", "", file.read_text())
+    file.write_text(text)
+    assert "0.47 m/s^2" in (fault := only_fault(folder)) and "write times_checked = true under [camera]" in fault
+    file.write_text(text.replace("[camera]", "[camera]\ntimes_checked = true"))
+    found = inspect_clip_set(folder)
+    assert not found.faults and "rolling balls slow down" in found.warnings[0]
+
+
 def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:
     fault = only_fault(spoiled(tmp_path / "set", FRAME_FAULTS["frames"][0], fps=1.0))
     assert "t counts frames" in fault and "--time frames --fps F" in fault
