@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import re
 import shutil
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set
+from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set, write_clip_set
 from sysid.clips.contradictions import contact_distance, contradictions, rebounds, size_notes
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import options as size_options
@@ -108,6 +109,10 @@ def test_a_frame_rate_that_makes_balls_slow_down_as_on_no_cloth_stops_until_it_i
     file.write_text(text.replace("[camera]", "[camera]\ntimes_checked = true"))
     found = inspect_clip_set(folder)
     assert not found.faults and "rolling balls slow down" in found.warnings[0]
+    write_clip_set(found.sound(), tmp_path / "again")  # a film that was tracked is not lost to a wrong frame rate
+    file.write_text(text)
+    write_clip_set(dataclasses.replace(found.sound(), extra={}), folder)
+    assert "write times_checked" in only_fault(folder)
 
 
 def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:
