@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,9 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
-from models.presets import POOL_BALL, TABLE_SETS
 from models.shot import Array, Ball, Table
 from planner.from_picture import balls_in_clip, balls_in_picture, scene_from_clips, scene_from_picture, scene_of
 from planner.scene import (
@@ -124,22 +121,6 @@ def test_a_scene_is_read_with_cue_and_object_first(tmp_path: Path) -> None:
         goal = read_scene(tmp_path / "s.toml").goal
         assert (goal.pocket, goal.rest_for, goal.rest_radius) == (None, "", radius)
         assert (None if goal.rest is None else goal.rest.tolist()) == rest
-
-
-def test_a_table_by_name_stands_for_its_pockets_and_balls(tmp_path: Path) -> None:
-    named = TEXT.replace("[table]\nlength = 3.569\nwidth = 1.778\n\n[ball]\ndiameter = 0.0525\nmass = 0.1406\n", "")
-    head, rest = named.split("\n", 1)
-    heavy = 'table = "9ft"\nball = { mass = 0.17 }', Ball(0.05715, 0.17)
-    for text, ball in (('table = "pool 9 ft"', POOL_BALL), heavy):
-        (tmp_path / "s.toml").write_text(f"{head}\n{text}\n{rest}")
-        found = read_scene(tmp_path / "s.toml")
-        assert (found.table, found.ball) == (TABLE_SETS["pool 9 ft"].table, ball)
-        write_scene(found, tmp_path / "again.toml")
-        assert read_scene(tmp_path / "again.toml").table == found.table
-    (tmp_path / "s.toml").write_text(f'{head}\ntable = "pol 9 ft"\n{rest}')
-    says = 'table = "pol 9 ft": is no table known here; did you mean "pool 9 ft"?, or write [table]'
-    with pytest.raises(BadInput, match=re.escape(says)):
-        read_scene(tmp_path / "s.toml")
 
 
 def test_pockets_are_where_the_nose_lines_meet() -> None:
