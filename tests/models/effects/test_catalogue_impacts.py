@@ -142,7 +142,7 @@ def test_one_impact_is_what_small_increments_make_of_it(mu: tuple[float, float, 
 
 
 def test_friction_follows_the_slip_of_the_moment() -> None:
-    """Of a law for the slip of the moment, in `hit.gain`: balls slip less and grip more as they go, by a seventh here."""
+    """As `hit.gain` says it: balls slip less and grip more as they go, which makes a seventh of the throw here."""
     state = np.array([1.4, 1.4, 0, 0, 0, 0, 0, 0, 0, 0.0])
     law = (0.01, 0.108, 1.088)
     moment = after(state, E, law, 1.0)
