@@ -31,7 +31,7 @@ from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
 from sysid.clips.session import session_of
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.trust import camera_doubts, doubt_line
-from sysid.clips.units import coordinates_fault, times_fault
+from sysid.clips.units import clip_fault, coordinates_fault, times_fault
 
 NO_MOTION = (
     f"running = true, but no ball moves for {MIN_RUNNING_SAMPLES} samples: remove the clip, or running where it begins "
@@ -129,9 +129,14 @@ def _read(
         clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), named, header.extra)
         clip_set, still = begun_running(clip_set)
     doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults, written)
-    for entry, rows, _ in parsed:
+    for entry, rows, clip in parsed:
+        fault = (
+            None if clip_set is None or PLACES in doubted else clip_fault(dataclasses.replace(clip_set, clips=(clip,)))
+        )
         with contextlib.suppress(TooManyFaults):
-            check_rows(rows, entry.file, header, faults, doubted)
+            if fault is not None:
+                faults.add(entry.file, fault)
+            check_rows(rows, entry.file, header, faults, (*doubted, PLACES) if fault else doubted)
         check_struck(rows, entry, faults)
         if entry.file in still:
             entry.place.fault(NO_MOTION, "running")

@@ -9,6 +9,7 @@ chosen: the options that settle it are named.
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -41,7 +42,7 @@ from sysid.clips.running import (
     usual_noise,
 )
 from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
-from sysid.foreign.columns import RawClip, RawTrack, read_clip
+from sysid.foreign.columns import RawClip, RawTrack, read_clip, shots_of
 from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
@@ -126,7 +127,7 @@ def import_files(
     Raises:
         BadInput: what is wrong with a file, or the option that settles a doubt.
     """
-    raw = [read_clip(read_columns(file), stated.columns) for file in files]
+    raw, shots = _read(files, shots, stated.columns)
     clock = read_clock(raw, stated.time, stated.fps, stated.nominal_fps)
     clips = [_clip(one, shot, clock, stated.struck) for one, shot in zip(raw, shots, strict=True)]
     clip_set = ClipSet(table, ball, clock.fps, tuple(clips))
@@ -145,6 +146,29 @@ def import_files(
     ]
     clip_set = dataclasses.replace(clip_set, clips=tuple(clips_begun))
     return Imported(clip_set, (says, clock.says, *_about(clip_set, clips, raw)), tuple(assumed))
+
+
+def _read(
+    files: Sequence[Path], shots: Sequence[ShotFile], columns: Mapping[str, str]
+) -> tuple[list[RawClip], list[ShotFile]]:
+    """The shots of all files; those of one long table each with a name of its own."""
+    raw, named = list[RawClip](), dict[str, ShotFile]()
+    for file, shot in zip(files, shots, strict=True):
+        own = shot.struck is not None or shot.running  # of a clip set, whose files hold a shot each
+        found = read_columns(file)
+        parts = [("", found)] if own else shots_of(found, columns)
+        width = max(len(name) for name, _ in parts)
+        for number, (name, part) in enumerate(parts, 1):
+            one = shot
+            if len(parts) > 1:
+                label = name.zfill(width) if name.isdecimal() else re.sub(r"[^A-Za-z0-9-]+", "_", name)
+                stem = shot.file.removesuffix(".csv")
+                one = dataclasses.replace(shot, file=f"{stem}_{label or number}.csv", note=f"shot {name}")
+            if one.file in named:
+                one = dataclasses.replace(one, file=f"{one.file.removesuffix('.csv')}_{number}.csv")
+            named[one.file] = one
+            raw.append(read_clip(part, columns))
+    return raw, list(named.values())
 
 
 def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -> Clip:

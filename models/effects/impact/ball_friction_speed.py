@@ -1,10 +1,10 @@
 """Balls that grip each other more the slower they slip.
 
 Friction mu + gain exp(-decay s), s the slip with which the impact begins, throughout the impact; mu, the base's, is
-what remains of it at fast slip. Source: throw of pool balls (Marlow), fitted by Alciatore (technical proof A.14): 0.01 +
-0.108 exp(-1.088 s). Friction there is what throw shows, the mean over an impact, against the slip that the impact begins
-with; what it is while a slip dies away was not measured. Leaves out chalk and dirt (cling), which change it from one
-impact to the next.
+what remains of it at fast slip. Source: throw of pool balls (Marlow), fitted by Alciatore (technical proof A.14):
+0.01 + 0.108 exp(-1.088 s). Friction there is what throw shows, the mean over an impact, against the slip at its
+beginning; what it is while a slip dies away was not measured. Leaves out chalk and dirt (cling), which change it from
+one impact to the next.
 """
 
 from __future__ import annotations

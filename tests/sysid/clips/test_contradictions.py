@@ -115,6 +115,17 @@ def test_a_frame_rate_that_makes_balls_slow_down_as_on_no_cloth_stops_until_it_i
     assert "write times_checked" in only_fault(folder)
 
 
+def test_a_clip_wholly_in_millimetres_is_said_to_be_that_in_one_line(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "set")
+    with (folder / "clips/0003.csv").open(newline="") as text:
+        head, *body = csv.reader(text)
+    rows = [[t, ball, f"{1e3 * float(x):.1f}", f"{1e3 * float(y):.1f}", theta] for t, ball, x, y, theta in body]
+    (folder / "clips/0003.csv").write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    fault = only_fault(folder)
+    assert fault.startswith("clips/0003.csv: x = ") and "look like mm, other than in the rest" in fault
+    assert "divide them by 1000" in fault
+
+
 def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:
     fault = only_fault(spoiled(tmp_path / "set", FRAME_FAULTS["frames"][0], fps=1.0))
     assert "t counts frames" in fault and "--time frames --fps F" in fault

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.errors import BadInput
 from sysid.cli import main
 from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.clips.readings import Reading
-from sysid.foreign.columns import read_clip
+from sysid.foreign.columns import read_clip, shots_of
 from sysid.foreign.records import read_columns
 from sysid.vision.camera.projection import Camera, write_camera
 from tests.support.foreign_files import (
@@ -224,6 +225,20 @@ def test_lengths_that_lie_on_the_table_as_the_format_has_them_are_read_so(tmp_pa
     (tmp_path / "a.csv").write_text(lone(-1.0 + 2.5 * (STRAIGHT - 0.1), 0.1 + 0.9 * (STRAIGHT - 0.1)))
     [clip] = imported([tmp_path / "a.csv"], tmp_path / "out").clips
     assert clip.balls["cue"].xy[-1] == pytest.approx([0.5, 0.64], abs=1e-5)
+
+
+def test_a_long_table_is_split_by_its_column_of_shots(tmp_path: Path, source: Path) -> None:
+    """In UTF-16, as spreadsheets write it, shots in any order of rows."""
+    rows = [f"{k},{line}" for k, file in enumerate(sorted((source / "clips").glob("*.csv")), 1)
+            for line in file.read_text().splitlines()[1:]]  # fmt: skip
+    turns = sorted(rows, key=lambda row: (float(row.split(",")[1]), row))
+    (tmp_path / "all.csv").write_text("\n".join(["shot,t,ball,x,y,theta", *turns]), encoding="utf-16")
+    found = imported([tmp_path / "all.csv"], tmp_path / "out")
+    assert [clip.file for clip in found.clips] == [f"clips/all_{k}.csv" for k in range(1, 9)]
+    assert furthest(found, read_clip_set(source)) < 1e-5
+    (tmp_path / "bad.csv").write_text("shot,t,ball,x,y\n1,0,cue,0,0\n2,0,cue,0,0\n1,1,cue,far,0\n")
+    with pytest.raises(BadInput, match="row 4: 'far' is not a number"):
+        [read_clip(part, {}) for _, part in shots_of(read_columns(tmp_path / "bad.csv"), {})]
 
 
 def test_what_may_be_pixels_is_read_in_the_unit_that_is_stated(tmp_path: Path) -> None:
