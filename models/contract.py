@@ -27,6 +27,7 @@ from models.model_file import Model, add_folder, effect_class, full_model, read_
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
+from models.switches import jump_of
 
 TABLE, BALL = Table(2.84, 1.42, pockets=False), Ball(0.0615, 0.21)
 SAMPLE_TIMES_S = np.linspace(0, 2.5, 51)
@@ -192,6 +193,22 @@ def file_keeps_it(kind: type[Effect]) -> list[str]:
     return [] if back == effect else [f"a model file gives back {back} for {effect}"]
 
 
+def jumps_are_told(kind: type[Effect]) -> list[str]:
+    """Forces that jump along a ball's way have a horizon that says when."""
+    if not kind.opens("forces") or kind.opens("horizon"):
+        return []
+    jump = jump_of(kind(), TABLE, BALL)
+    if jump is None:
+        return []
+    s = jump.state
+    where = f"x = {s.x:.4g}, y = {s.y:.4g}, speed {math.hypot(s.vx, s.vy):.4g} m/s, time {s.time:.4g} s"
+    return [
+        f"forces changes ball.{jump.field} by {jump.size:.3g} at once ({where}), within a step of the event engine, so "
+        "that fits do not converge: add horizon(self, ball), which returns the time until it switches, or let it "
+        "change smoothly (models/effects/cloth/worn_patch.py has one)"
+    ]
+
+
 def engines_agree(kind: type[Effect]) -> list[str]:
     """The event engine and the MuJoCo world play the same shots; nothing to compare where MuJoCo alone plays it."""
     model, faults = base_without(kind).add(kind()), []
@@ -216,7 +233,7 @@ CONTRACTS: dict[str, Contract] = {
     c.__name__: c
     for c in (
         declared, compiles, off_is_absent, usual_acts, one_value_a_shot, repeatable, gives_way, file_keeps_it,
-        engines_agree,
+        jumps_are_told, engines_agree,
     )
 }  # fmt: skip
 BASIC_CONTRACTS = ("declared", "compiles")  # without these the others say nothing new

@@ -78,7 +78,7 @@ class SimulatedShot(Presented, Track):
 
     def plot(self) -> Picture:
         """The table from above with the balls' ways; rings where they end."""
-        from models.recording.palette import ball_colour
+        from models.palette import ball_colour
         from models.report.axes import circle, draw_table, rgb
         from models.report.figure import FIGURE_WIDTH_IN, svg
 

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from difflib import get_close_matches
+from typing import Any
 
 from models.errors import BadInput
+from models.files.decode import Place
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.pocket_shape import INCH_M, POCKET_SETS
 from models.shot import Ball, Table
@@ -23,6 +25,7 @@ from models.shot import Ball, Table
 POOL_BALL = Ball(2.25 * INCH_M, 0.163)  # 5.75 oz
 
 CAROM_BALL = Ball(0.0615, 0.2125)
+BALL_GAMES: Mapping[str, Ball] = {"snooker": SNOOKER_BALL, "pool": POOL_BALL, "carom": CAROM_BALL}
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,35 @@ def find_table(text: str) -> TableSet | Table:
         f"{text}: is no table known here; give one of {', '.join(TABLE_SETS)}, or length and width from nose to nose "
         "in metres, such as 1.881x0.943"
     )
+
+
+def named_table(entries: Mapping[str, Any], place: Place) -> Mapping[str, Any]:
+    """A file's entries; a name as its `table` stands for [table], and for what [ball] does not say.
+
+    Args:
+        entries: of the file's top level.
+        place: where the fault of a name that is not known goes.
+    """
+    name = entries.get("table")
+    if not isinstance(name, str):
+        return entries
+    found: TableSet | Table = TABLE_SETS["snooker"]
+    try:
+        found = find_table(name)
+    except BadInput as problem:
+        place.fault(f'table = "{name}": {str(problem).removeprefix(f"{name}: ")}, or write [table]', "table")
+    if isinstance(found, Table):
+        return {**entries, "table": asdict(found)}
+    ball = entries.get("ball", {})
+    ball = {**asdict(found.ball), **ball} if isinstance(ball, Mapping) else ball
+    return {**entries, "table": asdict(found.table), "ball": ball}
+
+
+def usual_mass(diameter: float) -> tuple[float, str]:
+    """Mass of a ball of a size [kg], as dense as the ball of a game that is nearest in size, and that game."""
+    name = min(BALL_GAMES, key=lambda game: abs(BALL_GAMES[game].diameter - diameter))
+    ball = BALL_GAMES[name]
+    return ball.mass * (diameter / ball.diameter) ** 3, name
 
 
 def _plain(name: str) -> str:

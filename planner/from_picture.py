@@ -118,7 +118,7 @@ def balls_in_picture(
     progress: Callable[[str], None] = lambda line: None,
 ) -> DetectedBalls:  # fmt: skip
     """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
-    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
+    from models.presets import usual_mass
     from sysid.vision.balls.learning import learn_detector
     from sysid.vision.balls.palette import palette_for
     from sysid.vision.camera.projection import ball_of, read_camera
@@ -151,8 +151,8 @@ def balls_in_picture(
             pixels[name] += [xy for d, xy in sorted(pairs, key=lambda pair: pair[0])[:1] if d < SAME_BALL_RADII]
     places = {name: camera.centres(np.array(recent[::-1])) for name, recent in pixels.items()}
     if mass is None:
-        mass = MASS_PER_CUBED_DIAMETER * camera.diameter**3
-        notes.append(f"mass {mass:.4f} kg, that of a snooker ball of this size")
+        mass, game = usual_mass(camera.diameter)
+        notes.append(f"mass {mass:.4f} kg, that of a {game} ball of this size")
     found = _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
     return replace(found, camera_doubts=camera.doubts)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from models.recording.palette import ball_colour
+from models.palette import ball_colour
 from models.recording.plan import (
     AVOID_COLOUR,
     OUTCOME_COLOURS,
@@ -136,12 +136,10 @@ def _draw_shot(
 
 
 def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
-    """The ball's face as seen along the cue, in mm."""
-    launcher, execution = plan.get("launcher") or {}, plan.get("execution") or {}
+    """The ball's face as seen along the cue, in mm, and where the tip touches it: the cue's axis is farther out."""
+    execution = plan.get("execution") or {}
     stroke, r = plan["stroke"], 1e3 * ball.radius
-    aim = np.array(
-        [launcher.get("x0_mm", 1e3 * stroke.get("side", 0.0)), launcher.get("y0_mm", 1e3 * stroke.get("height", 0.0))]
-    )
+    aim = 1e3 * np.array([stroke.get("side", 0.0), stroke.get("height", 0.0)])
     spread = 1e3 * np.array([execution.get("side_sd") or 0.0, execution.get("height_sd") or 0.0])
     name = (plan["scene"].get("goal") or {}).get("cue", "cue")
 

@@ -26,6 +26,7 @@ from models.files import read_document, write_whole
 from models.files.decode import Allowed, Place, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
 from models.files.limits import excess
+from models.presets import named_table
 from models.shot import Array, Ball, Table
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
@@ -189,7 +190,7 @@ def scene_from(data: Any, where: str) -> Scene:
     faults = Faults()
     top = Place(where, faults)
     body = of_format(data, FORMAT, SceneFile, top)
-    file = faults.settle(None if body is None else decode(SceneFile, body, top))
+    file = faults.settle(None if body is None else decode(SceneFile, named_table(body, top), top))
     table, ball = file.table, file.ball
     for section, _, problem in size_faults(table, ball):
         top.below(section).fault(problem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import json
 import os
@@ -19,6 +20,12 @@ from models.files.faults import Faults, shown
 from models.files.limits import excess
 
 Kind = TypeVar("Kind")
+FILE_KINDS = (  # where, the bytes there, and what such a file is
+    (0, b"\x89PNG", "a PNG picture"), (0, b"\xff\xd8\xff", "a JPEG picture"), (0, b"GIF8", "a GIF picture"),
+    (0, b"%PDF", "a PDF document"), (0, b"PK\x03\x04", "a ZIP archive, as spreadsheets (.xlsx, .ods) are"),
+    (0, b"\x1f\x8b", "a gzip archive"), (0, b"PAR1", "a Parquet file"), (0, b"RIFF", "an AVI film or WebP picture"),
+    (4, b"ftyp", "an MP4 film or HEIC picture"), (0, b"\x1aE\xdf\xa3", "a Matroska film"),
+)  # fmt: skip
 # More parts of a dotted key than tables may lie in each other: TOML parsers take time by their square.
 LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){N}""".replace("N", str(limits.MAX_DEPTH)))
 
@@ -63,6 +70,16 @@ def entries_of(path: Path | str, remedy: str) -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         kind = "lacks" if isinstance(error, KeyError) else "has a wrong entry:"
         raise BadInput(f"{path}: {kind} {error}; {remedy}") from error
+
+
+def encoding_of(data: bytes) -> str:
+    """How a text begins that is written so: UTF-16 where its byte-order mark says so, else UTF-8."""
+    return "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
+
+
+def kind_of(data: bytes) -> str:
+    """What a file is whose first bytes are those of a known kind that is no text; "" for others."""
+    return next((kind for at, mark, kind in FILE_KINDS if data[at : at + len(mark)] == mark), "")
 
 
 def read_document(
@@ -141,9 +158,16 @@ def read_text(
     except OSError as error:
         faults.add(file, f"cannot be read ({error.strerror}): {remedy}")
         return None
+    if kind := kind_of(data):
+        faults.add(file, f"is {kind}: {remedy}")
+        return None
+    encoding = encoding_of(data)
     try:
-        return data.decode("utf-8-sig")  # spreadsheets write a byte-order mark
+        return data.decode(encoding)
     except UnicodeDecodeError as error:
+        if encoding == "utf-16":
+            faults.add(file, "is not UTF-16 text, though it begins so: save the file as UTF-8")
+            return None
         row = data[: error.start].count(b"\n") + 1
         faults.add(file, f"byte {data[error.start]:#04x} is not UTF-8 text: save the file as UTF-8", row)
         return None

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import TextIO
 
 from models.files import limits
-from models.files.documents import file_problem
+from models.files.documents import encoding_of, file_problem, kind_of
 from models.files.faults import Faults
 from models.files.limits import excess
 
+KIND_BYTES = 16  # that tell a file's kind
 SMALLER = "split it into shots of one strike each"
 NARROWER = "keep the columns that are needed"
 
@@ -38,17 +39,21 @@ def csv_rows(
     problem, row = file_problem(path, remedy, limits.MAX_TABLE_BYTES), None
     if not problem:
         try:
-            # Spreadsheets write a byte-order mark.
-            with Path(path).open(encoding="utf-8-sig", newline="") as text:
+            with Path(path).open("rb") as raw:
+                begin = raw.read(KIND_BYTES)
+            if kind := kind_of(begin):
+                raise _UnfitTable(f"is {kind}: {remedy}", None)
+            # Spreadsheets write a byte-order mark, or UTF-16.
+            with Path(path).open(encoding=encoding_of(begin), newline="") as text:
                 yield from _Reading(text, separators, remarks).rows()
             return
         except _UnfitTable as unfit:
             problem, row = unfit.args
-        except UnicodeDecodeError as error:
-            problem, row = (
-                f"byte {error.object[error.start]:#04x} is not UTF-8 text: save the file as UTF-8",
-                _row(path),
-            )
+        except UnicodeError as error:
+            problem, row = "is not UTF-16 text, though it begins so: save the file as UTF-8", None
+            if isinstance(error, UnicodeDecodeError) and error.encoding.startswith("utf-8"):
+                byte = f"byte {error.object[error.start]:#04x}"
+                problem, row = f"{byte} is not UTF-8 text: save the file as UTF-8", _row(path)
         except OSError as error:
             problem = f"cannot be read ({error.strerror}): {remedy}"
     faults.add(file, problem, row)

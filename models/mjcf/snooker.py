@@ -8,7 +8,6 @@ from models.shot import Array, Ball, Table
 
 FULL_LENGTH = 3.569  # of the table that the rules' measures are for [m]
 SNOOKER_TABLE, SNOOKER_BALL = Table(FULL_LENGTH, 1.778), Ball(0.0525, 0.1406)
-MASS_PER_CUBED_DIAMETER = SNOOKER_BALL.mass / SNOOKER_BALL.diameter**3  # of a ball [kg/m^3]
 BAULK_LINE_M, D_RADIUS_M, BLACK_SPOT_M = 0.737, 0.292, 0.324  # the black spot from its cushion
 RACK_GAP_M = 0.0005  # between balls that are racked [m]
 

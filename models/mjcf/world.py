@@ -18,28 +18,18 @@ import numpy as np
 from models.analytic.spring import NOSE_RADIUS
 from models.effect import Effect
 from models.mjcf.furniture import furnish
+from models.palette import ball_colour
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
 
 BASE_FILE = Path(__file__).with_name("base.xml")
 BED_DEPTH = 0.05  # [m]
 CAMERA_NAMES = ("overhead", "corner", "baulk")
 
-BALL_COLOURS = {
-    "white": (0.96, 0.95, 0.90),
-    "cue": (0.96, 0.95, 0.90),
-    "red": (0.72, 0.03, 0.05),
-    "yellow": (0.95, 0.80, 0.10),
-    "green": (0.02, 0.35, 0.15),
-    "brown": (0.40, 0.20, 0.08),
-    "blue": (0.05, 0.15, 0.65),
-    "pink": (0.95, 0.50, 0.60),
-    "black": (0.05, 0.05, 0.05),
-}
-
 
 def colour(name: str) -> tuple[float, float, float]:
-    """The colour of a ball by its name; red for reds by number, ivory otherwise."""
-    return BALL_COLOURS.get(name, BALL_COLOURS["red"] if name.startswith("red") else (0.85, 0.80, 0.70))
+    """The colour of a ball by its name, as MJCF has it: red, green, blue in 0..1."""
+    red, green, blue = (round(channel / 255, 3) for channel in ball_colour(name))
+    return red, green, blue
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.palette import FLOOR_COLOUR, MODEL_COLOUR, Colour
 from models.recording.file import whole_recording
-from models.recording.palette import FLOOR_COLOUR, MODEL_COLOUR, Colour
 from models.recording.table import Out
 from models.shot import Array, Ball
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.palette import Colour, ball_colour, ink
+from models.palette import Colour, ball_colour, ink
 from models.recording.table import Out
 from models.shot import Array, Event, Track
 

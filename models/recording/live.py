@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.palette import MODEL_COLOUR, ball_colour
 from models.recording.film import jpeg
-from models.recording.palette import MODEL_COLOUR, ball_colour
 from models.recording.video import MAX_WIDTH_PX, draw_cloth, enlarged, table_view
 from models.shot import Array, Table
 

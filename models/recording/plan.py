@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
+from models.palette import FLOOR_COLOUR, Colour, ball_colour
 from models.pocket_shape import read_pockets
 from models.recording.file import whole_recording
-from models.recording.palette import FLOOR_COLOUR, Colour, ball_colour
 from models.recording.table import PATH_HEIGHT_M, Out, draw_table, lift
 from models.shot import NOSE_COSINE, Array, Ball, Table
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from models.palette import FLOOR_COLOUR
 from models.recording.clips import LaidClip, Review, ReviewOut, labels_of, lay_out
 from models.recording.file import whole_recording
 from models.recording.film import FILM_SCREEN, Film, draw_films
@@ -26,7 +27,6 @@ from models.recording.layers import (
     draw_spin,
     magnification,
 )
-from models.recording.palette import FLOOR_COLOUR
 from models.recording.table import draw_table
 from models.shot import Array, Ball, Table
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour, ink
 from models.recording.file import whole_recording
 from models.recording.film import jpeg, playable_stamps
-from models.recording.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour, ink
 from models.recording.table import pocket_discs
 from models.shot import Array, Table
 

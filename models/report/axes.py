@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from models.recording.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
+from models.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
 from models.shot import Table
 
 TABLE_MARGIN_M = 0.11  # of cushions and rail around the playing surface, as drawn

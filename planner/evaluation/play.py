@@ -22,6 +22,7 @@ from models.mjcf.launcher import CUE_SPEED_RANGE, STAGE_TRAVEL_M
 from models.model_file import Model
 from models.mujoco.launcher import SimulatedStroke
 from models.mujoco.struck import TipStroke, play_struck, without_squirt
+from models.pocket_shape import POCKET_SETS, read_pockets
 from models.shot import GRAVITY, Shot, Track
 from models.simulation.simulate import simulate
 from planner.evaluation.outcome import Outcomes, concatenate, of_result, of_tracks
@@ -45,8 +46,8 @@ class Player:
         """Check that model and scene agree; BadInput if not. At most `threads` threads, 0 for all."""
         if (model.table, model.ball) != (scene.table, scene.ball):
             raise BadInput(
-                f"the scene's table and ball, {_size(scene)}, are not the model's, {_size(model)}; "
-                "give a model that was fitted to this table"
+                f"the scene and the model differ in {_apart(scene, model)}: correct the scene, where a table's name, "
+                'such as table = "pool 9 ft", stands for its pockets and balls as well, or give another model'
             )
         acting = tuple(e for e in model.stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         self.model = dataclasses.replace(model, effects=acting)
@@ -147,7 +148,20 @@ class Player:
         return simulate(model, shots, threads=self.threads, jaws=jaws)
 
 
-def _size(source: Scene | Model) -> str:
-    t, b = source.table, source.ball
-    pockets = "" if t.pockets else ", no pockets"
-    return f"{t.length} x {t.width} m{pockets} and {1e3 * b.diameter:g} mm, {1e3 * b.mass:g} g"
+def _apart(scene: Scene, model: Model) -> str:
+    """What of table and ball differs, as the scene has it and as the model has it."""
+    found = []
+    for what, one, other in (("table", scene.table, model.table), ("ball", scene.ball, model.ball)):
+        for key in (field.name for field in dataclasses.fields(one)):
+            here, there = getattr(one, key), getattr(other, key)
+            if here != there:
+                found.append(f"{what}.{key} ({_value(here)} and {_value(there)})")
+    return " and ".join(found)
+
+
+def _value(value: object) -> str:
+    """A size, or pockets by their name."""
+    if isinstance(value, float | int) and not isinstance(value, bool):
+        return repr(float(value))
+    names = [name for name, pockets in POCKET_SETS.items() if read_pockets(name) == value]
+    return "none" if value is False else f'"{names[0]}"' if names else "of another shape"

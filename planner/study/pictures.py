@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from models.recording.palette import ball_colour
+from models.palette import ball_colour
 from models.report.axes import draw_table
 from models.report.figure import HELD_OUT_COLOUR, INK_COLOUR, MODEL_COLOUR, NOISE_COLOUR, png
 from models.shot import Ball, Table

@@ -19,7 +19,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files import scratch_folder, write_whole
-from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
+from models.presets import usual_mass
 from models.shot import Array, Ball, Table
 from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
@@ -78,9 +78,7 @@ class LiveCamera:
         if not 0 < rate < math.inf:
             raise BadInput(f"the camera's rate is {rate:g}/s; give the pictures it takes in a second")
         self.table: Table = camera.table
-        self.ball: Ball = ball_of(
-            camera, options.mass if options.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
-        )
+        self.ball: Ball = ball_of(camera, options.mass if options.mass is not None else usual_mass(camera.diameter)[0])
         self.fps = rate
         self.sigma = options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * camera.pixel, 5)
         self.warnings: tuple[str, ...] = ()  # of the last look or film

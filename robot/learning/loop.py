@@ -57,7 +57,7 @@ from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation.fitted import MISS_OVER_AXIS
 
 MAX_SCENE_DRAWS = 5  # scenes drawn for one shot until one can be played
-MISS_LIMIT_RATIO = 1.3  # of the predicted miss, below which no model makes the miss much smaller
+MISS_LIMIT_RATIO = 1.3  # of the launcher's own scatter, below which no model makes the miss much smaller
 MISS_FALL_RATIO = 0.9  # of the previous block's miss, below which the miss has fallen
 MIN_BLOCKS = 3  # blocks needed to decide that nothing improves
 Report = Callable[[str], None]
@@ -186,7 +186,10 @@ def why_ended(history: History, every: int) -> str:
     misses = [history.median_miss(n - (k + 1) * every + 1, n - k * every) for k in range(MIN_BLOCKS)]
     predicted = history.median_spread(n - every + 1, n)
     figures = f"the cue ball's miss is {1e3 * misses[0]:.0f} mm (median of {every}), predicted {1e3 * predicted:.0f} mm"
-    if misses[0] <= MISS_LIMIT_RATIO * predicted and misses[0] >= MISS_FALL_RATIO * misses[1]:
+    scatter = history.floor(n - every + 1, n)  # what no model takes away; where it was not measured, as plans predict
+    figures += f", and the launcher alone scatters {1e3 * scatter:.0f} mm" if math.isfinite(scatter) else ""
+    least = scatter if math.isfinite(scatter) else predicted
+    if misses[0] <= MISS_LIMIT_RATIO * least and misses[0] >= MISS_FALL_RATIO * misses[1]:
         return f"{figures}: nothing is left to learn"
     if misses[0] >= MISS_FALL_RATIO * misses[1] and misses[1] >= MISS_FALL_RATIO * misses[2]:
         return f"{figures}; it has not fallen in two refits"

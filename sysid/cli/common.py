@@ -35,7 +35,7 @@ palette_option = input_option(
     "palette", "P.toml", "Names and colours of the balls; by default those of pool or snooker, by their diameter."
 )
 mass_option = click.option(
-    "--mass", metavar="M", type=ABOVE_ZERO, help="Mass of a ball [kg]; by default a snooker ball's of this size."
+    "--mass", metavar="M", type=ABOVE_ZERO, help="Mass of a ball [kg]; by default that of the game's nearest in size."
 )
 
 

@@ -42,7 +42,9 @@ class ReadingOptions:
     running: bool = given(
         "--running", "", "Tracks that begin with a ball in motion begin too late to show the strike.", bool
     )
-    columns: str | None = given("--columns", "t=NAME,...", "Names of columns: t, frame, ball, x, y, theta, cue.speed.")
+    columns: str | None = given(
+        "--columns", "t=NAME,...", "Names of columns: t, frame, shot, ball, x, y, theta, cue.speed."
+    )
 
     def stated(self, nominal_fps: float | None) -> Stated:
         """As the conversion takes it, beside the frame rate that a clip set states."""
@@ -77,10 +79,10 @@ def import_(
 ) -> int:  # fmt: skip
     """Import tracks of other programs as a clip set.
 
-    FILE... are CSV, JSON or Parquet, a shot each, with a row for each ball or a row for each frame; or a clip set whose
-    entries are in another unit, from another origin or along other axes; or simulated systems of pooltool, JSON or
-    MessagePack, which say themselves on what table they are. What no option says is looked for in the tracks, and
-    printed. Draws the tracks over the table first, and writes nothing that they contradict.
+    FILE... are CSV, JSON or Parquet, a shot each or with a column for the shot, and a row for each ball or for each
+    frame; or a clip set whose entries are in another unit, from another origin or along other axes; or simulated
+    systems of pooltool, JSON or MessagePack, which say themselves on what table they are. What no option says is looked
+    for in the tracks, and printed. Draws the tracks over the table first, and writes nothing that they contradict.
 
     Example: sysid import shots/*.csv --table "pool 8 ft" --out CLIPS
     """
@@ -124,7 +126,7 @@ def import_(
     source = files[0] if header is not None else Path("FILES")
     clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
     for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):
-        if one.certain:
+        if one.certain and not one.unless:  # else the clip set says so, which is there for that
             raise BadInput(f"{one.text} (nothing was written; look at {picture})")
         print(f"warning: {one.text}", file=sys.stderr, flush=True)
     write_clip_set(clip_set, out)

@@ -40,9 +40,8 @@ class TableOptions:
 
 
 def table_set(name: str, diameter: float | None, mass: float | None, no_pockets: bool) -> TableSet:
-    """A table by name or size, with its own balls or others: a ball of another size weighs as one of snooker would."""
-    from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
-    from models.presets import TableSet, find_table
+    """A table by name or size, with its own balls or others: see `usual_mass`."""
+    from models.presets import TableSet, find_table, usual_mass
     from models.shot import Ball
 
     try:
@@ -55,6 +54,6 @@ def table_set(name: str, diameter: float | None, mass: float | None, no_pockets:
     table: Table = found.table if isinstance(found, TableSet) else found
     size = diameter if diameter is not None else known.diameter if known else 0.0
     if mass is None:
-        mass = known.mass if known is not None and known.diameter == size else MASS_PER_CUBED_DIAMETER * size**3
+        mass = known.mass if known is not None and known.diameter == size else usual_mass(size)[0]
     pockets = False if no_pockets else table.pockets
     return TableSet(dataclasses.replace(table, pockets=pockets), Ball(size, mass))

@@ -21,6 +21,7 @@ class Contradiction:
     text: str
     certain: bool  # beyond doubt: a fault, else a warning
     places: bool = False  # whether many balls must lie off the stated table
+    unless: str = ""  # entry of clips.toml by which its author says that it is so all the same
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,11 @@ def contradictions(clip_set: ClipSet) -> list[Contradiction]:
 
 def _first_of(one: Contradiction | None, other: Contradiction | None) -> Contradiction | None:
     """The more certain one of two that have the same cause."""
-    return other if one is None or (other is not None and other.certain > one.certain) else one
+
+    def certainty(found: Contradiction) -> tuple[bool, bool]:
+        return found.certain, not found.unless
+
+    return other if one is None or (other is not None and certainty(other) > certainty(one)) else one
 
 
 def contact_distance(clip_set: ClipSet) -> Typical:

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 from models.files import parse, read_text
 from models.files.decode import Allowed, Place, of_format, usable
 from models.files.faults import Faults, shown
+from models.presets import named_table
 from models.shot import Ball, Table
 from sysid.clips.clip_set import CueCommand
 from sysid.clips.names import CLIPS_TOML, find_file, name_fault, path_fault
@@ -96,7 +97,7 @@ def read_header(root: Path, faults: Faults) -> Header | None:
     if body is None:
         return None
     extra: dict[str, Any] = {}
-    found = usable(HeaderEntries, body, top, extra)
+    found = usable(HeaderEntries, named_table(body, top), top, extra)
     kinds = {"table": Table, "ball": Ball, "camera": CameraEntries}
     table, ball, camera = (_inner(kind, found, name, top, extra) for name, kind in kinds.items())
     # A table with a fault elsewhere, or a ball without a mass, still judges the clips.

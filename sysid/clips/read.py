@@ -31,7 +31,7 @@ from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
 from sysid.clips.session import session_of
 from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.trust import camera_doubts, doubt_line
-from sysid.clips.units import coordinates_fault, times_fault
+from sysid.clips.units import clip_fault, coordinates_fault, times_fault
 
 NO_MOTION = (
     f"running = true, but no ball moves for {MIN_RUNNING_SAMPLES} samples: remove the clip, or running where it begins "
@@ -64,11 +64,11 @@ class Inspection:
         return self.clip_set
 
 
-def inspect_clip_set(folder: Path | str, named: Path | None = None) -> Inspection:
+def inspect_clip_set(folder: Path | str, named: Path | None = None, *, written: bool = False) -> Inspection:
     """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as it is passed."""
     faults = Faults()
     try:
-        clip_set, found, resting = _read(Path(folder), faults, named or Path(folder))
+        clip_set, found, resting = _read(Path(folder), faults, named or Path(folder), written)
     except TooManyFaults:
         return Inspection(Path(folder), None, faults)
     if faults or clip_set is None:
@@ -89,7 +89,14 @@ def check_clip_set(folder: Path | str, named: Path | None = None) -> list[str]:
     return inspect_clip_set(folder, named).fault_lines()
 
 
-def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Sequence[Contradiction], int]:
+def faults_of_written(folder: Path, named: Path) -> list[str]:
+    """The same of a clip set that is being written, without what its author may state to be right all the same."""
+    return inspect_clip_set(folder, named, written=True).fault_lines()
+
+
+def _read(
+    folder: Path, faults: Faults, named: Path, written: bool
+) -> tuple[ClipSet | None, Sequence[Contradiction], int]:
     """The clip set, None if there are faults that leave none, what contradicts it, how many clips began too early."""
     try:
         root = Path(os.path.realpath(folder, strict=True))
@@ -121,10 +128,15 @@ def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Se
         clips = tuple(clip for _, _, clip in parsed)
         clip_set = ClipSet(table, ball, camera["fps"], clips, camera.get("sigma"), named, header.extra)
         clip_set, still = begun_running(clip_set)
-    doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults)
-    for entry, rows, _ in parsed:
+    doubted, found = ((), ()) if clip_set is None else _doubted(clip_set, faults, written)
+    for entry, rows, clip in parsed:
+        fault = (
+            None if clip_set is None or PLACES in doubted else clip_fault(dataclasses.replace(clip_set, clips=(clip,)))
+        )
         with contextlib.suppress(TooManyFaults):
-            check_rows(rows, entry.file, header, faults, doubted)
+            if fault is not None:
+                faults.add(entry.file, fault)
+            check_rows(rows, entry.file, header, faults, (*doubted, PLACES) if fault else doubted)
         check_struck(rows, entry, faults)
         if entry.file in still:
             entry.place.fault(NO_MOTION, "running")
@@ -132,7 +144,7 @@ def _read(folder: Path, faults: Faults, named: Path) -> tuple[ClipSet | None, Se
     return clip_set, found, resting
 
 
-def _doubted(clip_set: ClipSet, faults: Faults) -> tuple[tuple[str, ...], Sequence[Contradiction]]:
+def _doubted(clip_set: ClipSet, faults: Faults, written: bool) -> tuple[tuple[str, ...], Sequence[Contradiction]]:
     """What of single rows is wrong only because it is so in all clips, as a fault says; and all contradictions."""
     wrong = {PLACES: coordinates_fault(clip_set), TIMES: times_fault(clip_set)}
     doubted = []
@@ -144,7 +156,7 @@ def _doubted(clip_set: ClipSet, faults: Faults) -> tuple[tuple[str, ...], Sequen
         return tuple(doubted), ()
     found = contradictions(dataclasses.replace(clip_set, clips=tuple(c for c in clip_set.clips if is_sound(c))))
     for one in found:
-        if one.certain:
+        if one.certain and not (written and one.unless):
             faults.add(one.where, one.text)
     return (PLACES,) if any(one.places for one in found if one.certain) else (), found
 

@@ -21,12 +21,13 @@ from sysid.clips.aims import FITTING_TURN, aims, off_aim
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.contradiction import is_sound
 from sysid.clips.contradictions import CERTAIN_DIAMETER, contact_distance, turns_in_the_open
+from sysid.clips.plausibility import MAX_BEYOND_NOSE_M, POCKET_REACH
 
 METRES_BY_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 UNIT_NAMES = {"m": "metres", "in": "inches", "ft": "feet"}
 MIN_SHARE_INSIDE = 0.99  # of all rows, for a reading to be right
-MAX_IN_POCKET_DIAMETERS = 2.0  # beyond the nose line, of a ball that drops
-MIN_COVERAGE = 0.25  # of the table's length or width by the rows: fewer are in too large a unit
+MIN_COVERAGE = 0.25  # of the table's length by the rows: fewer are in too large a unit
+MIN_BALL_PIXELS = 3.0  # across a ball that is followed in a picture
 AT_CUSHION = 0.05  # of half the table, from where a ball at a cushion turns
 MIN_TURNS = 2  # at cushions, that speak for a reading
 MAX_ROWS = 4000  # per clip set that extents are taken from
@@ -106,6 +107,11 @@ class ReadingEvidence:
         return self.possible and (self.at_cushions >= MIN_TURNS or self.coverage > MIN_COVERAGE)
 
     @property
+    def shows_scale(self) -> bool:
+        """Whether the cushions or the balls' own size speak for the unit, not extents alone."""
+        return self.diameter > 0 or self.at_cushions - self.off_cushions >= MIN_TURNS
+
+    @property
     def rank(self) -> tuple[float, ...]:
         """By which readings are ordered: evidence, then spread, then how usual it is."""
         return (self.support, round(self.coverage, 1), -self.reading.changes)
@@ -136,8 +142,22 @@ def places(clips: Sequence[Clip]) -> list[Array]:
 
 def share_inside(xy: Array, table: Table, ball: Ball) -> float:
     """Share of the places that are on the table or in a pocket."""
-    limit = np.array([table.length, table.width]) / 2 + MAX_IN_POCKET_DIAMETERS * ball.diameter
-    return float(np.mean((np.abs(xy) <= limit).all(axis=1)))
+    inside = (np.abs(xy) <= np.array([table.length, table.width]) / 2 + MAX_BEYOND_NOSE_M).all(axis=1)
+    near = POCKET_REACH * ball.diameter
+    dropping = [k for k in np.flatnonzero(~inside).tolist() if table.to_pocket(xy[k]) <= near]
+    return float((np.count_nonzero(inside) + len(dropping)) / len(xy))
+
+
+def may_be_pixels(clip_set: ClipSet) -> bool:
+    """Whether coordinates may be those in a picture: none is negative, and a ball is some pixels wide.
+
+    A picture has any scale, so that extents alone tell pixels from no unit that makes the table as large.
+    """
+    xy = np.concatenate([np.zeros((0, 2)), *places(clip_set.clips)])
+    if not len(xy) or float(xy.min()) < 0:
+        return False
+    widest = MIN_BALL_PIXELS * clip_set.table.length / clip_set.ball.diameter
+    return float(np.ptp(xy, axis=0).max()) >= MIN_COVERAGE * widest
 
 
 def weighed(clip_set: ClipSet, reading: Reading) -> ReadingEvidence | None:
@@ -148,7 +168,7 @@ def weighed(clip_set: ClipSet, reading: Reading) -> ReadingEvidence | None:
     if not len(meant) or share_inside(meant, table, ball) < MIN_SHARE_INSIDE:
         return None
     low, high = np.percentile(meant, (1, 99), axis=0)
-    coverage = float(np.max((high - low) / np.array([table.length, table.width])))
+    coverage = float(np.max(high - low)) / table.length  # along either axis: which is the long one says nothing of it
     so = read_so(clip_set, reading)
     so = dataclasses.replace(so, clips=tuple(clip for clip in so.clips if is_sound(clip)))
     far = turns_in_the_open(so)

@@ -6,7 +6,8 @@ In: a `ClipSet`. Out: `Contradiction`s.
     speeds      no cue gives a ball more than some 13 m/s
     rolling     cloths slow a rolling ball by 0.04 to 0.2 m/s^2: Mathavan, Jackson, Parkin 2009 measured 0.125 on
                 snooker cloth, pool cloths have 0.05 to 0.15, heated ones of carom 0.045. In another unit of time, k
-                times as long, it is k^2 times as small.
+                times as long, it is k^2 times as small. What lies beyond all of these is a fault, as a fit of it takes
+                minutes and says nothing; who has checked the times on such a cloth says so: times_checked = true
 """
 
 from __future__ import annotations
@@ -21,17 +22,19 @@ from sysid.clips.clock import sample_intervals
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction
 from sysid.clips.names import CLIPS_TOML
 from sysid.clips.segments import split_all
+from sysid.clips.trust import CAMERA_KEY
 
 MIN_INTERVALS = 20
 SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame's; the clock's scale is fitted
 MIN_EVEN_SHARE = 0.7  # of the intervals, for stamps to have a rate at all
 MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # of a hard break, and beyond doubt [m/s]
 SPEED_STEPS = 5  # of which the median is a speed: single samples may be wild
-SOUND_ROLLING, CERTAIN_ROLLING = (0.035, 0.3), (0.02, 0.6)  # decelerations [m/s^2]
+SOUND_ROLLING, CERTAIN_ROLLING = (0.035, 0.3), (0.02, 0.6)  # decelerations, somewhat and far beyond all [m/s^2]
 USUAL_ROLLING = 0.1  # [m/s^2]
 DEFAULT_SIGMA_M = 0.001  # of positions, where nothing is known of it
 MIN_SEGMENT_SAMPLES, MIN_ROLLING_M = 14, 0.1  # of a motion, and its way, for a deceleration
 MAX_ROLLING_ERROR_M = 0.003  # rms, of a motion that slows down evenly
+CHECKED_KEY = "times_checked"  # of [camera]
 ROLLS_FROM = 0.4  # of a motion, after which balls have stopped to slide, mostly
 MIN_ROLLING_SEGMENTS = 4
 SD_95 = 1.96
@@ -122,9 +125,16 @@ def rolling(clip_set: ClipSet) -> Contradiction | None:
         return None
     factor = float(np.sqrt(USUAL_ROLLING / max(rate, 1e-9)))
     times = f", as with t about {max(factor, 1 / factor):.2g} times too {'long' if factor > 1 else 'short'}"
+    beyond_doubt = upper < least or most < lower
+    camera = clip_set.extra.get(CAMERA_KEY)
+    checked = isinstance(camera, dict) and camera.get(CHECKED_KEY) is True
     text = (
         f"rolling balls slow down by {rate:.2g} m/s^2 (over {found.way:.0f} m), and on cloths by 0.04 to 0.2"
         f"{times if rate > 0 else ''}: correct t and fps, such as with: {reading_command(clip_set, '--fps F')}, "
         "F the frames taken in a second"
     )
-    return Contradiction(ALL_CLIPS, text, upper < least or most < lower)
+    if beyond_doubt:
+        return Contradiction(ALL_CLIPS, text, True)
+    if not checked:
+        text += f"; where they are right, write {CHECKED_KEY} = true under [{CAMERA_KEY}] of {CLIPS_TOML}"
+    return Contradiction(ALL_CLIPS, text, not checked, unless=CHECKED_KEY)

@@ -11,7 +11,15 @@ import numpy as np
 from models.shot import Array
 from sysid.clips.aims import reading_command
 from sysid.clips.clip_set import ClipSet
-from sysid.clips.readings import all_readings, directed, likely_readings, places, share_inside
+from sysid.clips.readings import (
+    all_readings,
+    directed,
+    likely_readings,
+    may_be_pixels,
+    places,
+    possible_readings,
+    share_inside,
+)
 
 SECONDS_BY_UNIT = {"milliseconds": 1e-3, "microseconds": 1e-6}
 MIN_SHARE_OUTSIDE = 0.05  # of the rows of a clip, for its coordinates to be suspect
@@ -36,11 +44,31 @@ def coordinates_fault(clip_set: ClipSet) -> str | None:
     if fits:
         best = directed(clip_set, fits[0].reading) or fits[0].reading
         command = reading_command(clip_set, best.options())
-        return f"{head} look like {best.looks()}: {command}, or {best.remedy()}"
+        text = f"{head} look like {best.looks()}: {command}, or {best.remedy()}"
+        if may_be_pixels(clip_set) and not fits[0].shows_scale:
+            text += (
+                f"; if they are pixels, calibrate the camera, then: {reading_command(clip_set, '--camera CAM.toml')}"
+            )
+        return text
     if max(x1 - x0, y1 - y0) < MIN_PIXELS * table.length:
         return None
     command = reading_command(clip_set, "--camera CAM.toml")
     return f"{head} fit no unit of length; if they are pixels, calibrate the camera, then: {command}"
+
+
+def clip_fault(clip_set: ClipSet) -> str | None:
+    """How the coordinates of a clip, alone in this set, must have been written, where hardly a row is on the table."""
+    [xy] = places(clip_set.clips)
+    if not len(xy) or share_inside(xy, clip_set.table, clip_set.ball) > MIN_SHARE_OUTSIDE:
+        return None
+    readings = [one for one in all_readings() if one.changes]
+    fits = likely_readings(clip_set, readings) or possible_readings(clip_set, readings)
+    if not fits:
+        return None
+    best = min(fits, key=lambda one: (-one.support, -one.coverage, one.reading.changes)).reading
+    (x0, y0), (x1, y1) = np.percentile(xy, (0, 100), axis=0)
+    here = f"x = {x0:.4g} to {x1:.4g}, y = {y0:.4g} to {y1:.4g}"
+    return f"{here} look like {best.looks()}, other than in the rest of the set: {best.remedy()}"
 
 
 def steps_of(clip_set: ClipSet) -> Array:

@@ -26,7 +26,7 @@ from models.files.writing import unwritable
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
-from sysid.clips.read import check_clip_set
+from sysid.clips.read import faults_of_written
 from sysid.clips.rows import COLUMN_NAMES
 from sysid.clips.session import entries_of
 
@@ -39,7 +39,7 @@ def write_clip_set(clip_set: ClipSet, folder: Path | str) -> None:
     Times and positions keep 6 decimals. A clip set that is there is replaced; any other file is BadInput, and so is
     a clip set that `read_clip_set` would refuse.
     """
-    replace_folder(Path(folder), texts_of(clip_set), lambda new: check_clip_set(new, Path(folder)))
+    replace_folder(Path(folder), texts_of(clip_set), lambda new: faults_of_written(new, Path(folder)))
 
 
 def texts_of(clip_set: ClipSet) -> dict[str, str]:

@@ -28,6 +28,7 @@ KNOWN_NAMES: Mapping[str, tuple[str, ...]] = {
     "x": ("x", "pos_x", "x_pos", "position_x", "cx", "x_center", "center_x", "centre_x", "x_centre", "u", "px"),
     "y": ("y", "pos_y", "y_pos", "position_y", "cy", "y_center", "center_y", "centre_y", "y_centre", "v", "py"),
     "theta": ("theta", "turned"),
+    "shot": ("shot", "shot_id", "shot_no", "shot_number", "shotid", "stroke", "clip", "clip_id", "take"),
     "cue.speed": ("cue_speed", "v0"),
     "cue.azimuth": ("cue_azimuth", "aim", "azimuth"),
     "cue.side": ("cue_side",),
@@ -38,6 +39,7 @@ UNIT_IN_NAME = re.compile(r"[\s_]*[\[(]?\b(s|ms|us|mm|cm|m|in|inch|inches|ft|px|
 UNIT_ALIASES = {"inch": "in", "inches": "in", "pixel": "px", "pixels": "px", "ms": "milliseconds", "us": "microseconds"}
 TIME_UNITS = {"s": "seconds", "milliseconds": "milliseconds", "microseconds": "microseconds"}
 NOT_BALLS = {"v", "vel", "velocity", "speed", "a", "acc", "d", "w", "min", "max", "start", "end"}  # of pairs with x, y
+MAX_SHOTS = 10_000  # of one file
 LONE_BALL = "cue"  # of a file that names no balls
 
 
@@ -94,6 +96,19 @@ def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
     )  # fmt: skip
 
 
+def shots_of(found: Columns, given: Mapping[str, str]) -> list[tuple[str, Columns]]:
+    """The shots of a file with their names, in order: by the column that tells them apart, where it has one."""
+    name = given.get("shot") or _by_name(found.names, "shot")
+    if name is None or name not in found.cells:
+        return [("", found)]
+    rows: dict[str, list[int]] = {}
+    for k, cell in enumerate(found.cells[name]):
+        rows.setdefault(cell.removesuffix(".0"), []).append(k)
+    if problem := excess(len(rows), MAX_SHOTS, "shots", f"say which column tells shots apart, not {shown(name)}"):
+        raise BadInput(f"{found.file}: {problem}")
+    return [(shot, found.rows(kept)) for shot, kept in rows.items()] if len(rows) > 1 else [("", found)]
+
+
 def _bare(name: str) -> str:
     """A name in small letters, its words joined by _."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
@@ -135,10 +150,10 @@ def _tracks(
     """Every ball's track in order of time, without rows where it was not seen."""
 
     def column(name: str, most: float) -> Array:
-        values = np.array(numbers(found.cells[name], f"{found.file}, column {shown(name)}", found.first_line))
+        values = np.array(numbers(found, name))
         beyond = np.flatnonzero(np.abs(values) > most)
         if len(beyond):
-            row = int(beyond[0]) + found.first_line
+            row = found.line(int(beyond[0]))
             raise BadInput(
                 f"{found.file}, row {row}: {name} = {values[beyond[0]]:g} is too large: correct it, or remove the row"
             )
@@ -146,7 +161,7 @@ def _tracks(
 
     time = column(stamp, MAX_STAMP)
     if not np.isfinite(time).all():
-        row = int(np.flatnonzero(~np.isfinite(time))[0]) + found.first_line
+        row = found.line(int(np.flatnonzero(~np.isfinite(time))[0]))
         raise BadInput(f"{found.file}, row {row}: {stamp} is empty: give every row its time")
     theta = column(columns["theta"], MAX_PLACE) if "theta" in columns else np.full(len(time), math.nan)
     long = "x" in columns and "ball" in columns
@@ -166,8 +181,11 @@ def _tracks(
             name = _ball_name(one) if long else ball
             twice = np.flatnonzero(np.diff(time[rows]) == 0)
             if len(twice):
-                line = int(rows[twice[0] + 1]) + found.first_line
-                raise BadInput(f"{found.file}, row {line}: ball {name!r} is there twice at one time: keep one row")
+                line = found.line(int(rows[twice[0] + 1]))
+                raise BadInput(
+                    f"{found.file}, row {line}: ball {name!r} is there twice at one time: keep "
+                    "one row; where there are several shots, say which column tells them apart with --columns shot=NAME"
+                )
             if len(rows):
                 angle = theta[rows] if len(pairs) == 1 else np.full(len(rows), math.nan)
                 tracks[name] = RawTrack(time[rows], xy[rows], angle)
@@ -188,7 +206,7 @@ def _commands(found: Columns, columns: Mapping[str, str]) -> dict[str, float]:
     for what, name in columns.items():
         if not what.startswith("cue."):
             continue
-        values = np.array(numbers(found.cells[name], f"{found.file}, column {shown(name)}", found.first_line))
+        values = np.array(numbers(found, name))
         own = np.unique(values[np.isfinite(values)])
         if len(own) == 1:
             cue[what.removeprefix("cue.")] = float(np.radians(own[0]) if _unit(name) == "deg" else own[0])

@@ -9,6 +9,7 @@ chosen: the options that settle it are named.
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from sysid.clips.readings import (
     ReadingEvidence,
     directed,
     likely_readings,
+    may_be_pixels,
     places,
     possible_readings,
     read_so,
@@ -40,11 +42,12 @@ from sysid.clips.running import (
     usual_noise,
 )
 from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
-from sysid.foreign.columns import RawClip, RawTrack, read_clip
+from sysid.foreign.columns import RawClip, RawTrack, read_clip, shots_of
 from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
 
+PIXELS_REMEDY = "; where they are pixels, give --camera CAM.toml (made with: sysid calibrate)"
 RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as well
 
 
@@ -124,7 +127,7 @@ def import_files(
     Raises:
         BadInput: what is wrong with a file, or the option that settles a doubt.
     """
-    raw = [read_clip(read_columns(file), stated.columns) for file in files]
+    raw, shots = _read(files, shots, stated.columns)
     clock = read_clock(raw, stated.time, stated.fps, stated.nominal_fps)
     clips = [_clip(one, shot, clock, stated.struck) for one, shot in zip(raw, shots, strict=True)]
     clip_set = ClipSet(table, ball, clock.fps, tuple(clips))
@@ -143,6 +146,29 @@ def import_files(
     ]
     clip_set = dataclasses.replace(clip_set, clips=tuple(clips_begun))
     return Imported(clip_set, (says, clock.says, *_about(clip_set, clips, raw)), tuple(assumed))
+
+
+def _read(
+    files: Sequence[Path], shots: Sequence[ShotFile], columns: Mapping[str, str]
+) -> tuple[list[RawClip], list[ShotFile]]:
+    """The shots of all files; those of one long table each with a name of its own."""
+    raw, named = list[RawClip](), dict[str, ShotFile]()
+    for file, shot in zip(files, shots, strict=True):
+        own = shot.struck is not None or shot.running  # of a clip set, whose files hold a shot each
+        found = read_columns(file)
+        parts = [("", found)] if own else shots_of(found, columns)
+        width = max(len(name) for name, _ in parts)
+        for number, (name, part) in enumerate(parts, 1):
+            one = shot
+            if len(parts) > 1:
+                label = name.zfill(width) if name.isdecimal() else re.sub(r"[^A-Za-z0-9-]+", "_", name)
+                stem = shot.file.removesuffix(".csv")
+                one = dataclasses.replace(shot, file=f"{stem}_{label or number}.csv", note=f"shot {name}")
+            if one.file in named:
+                one = dataclasses.replace(one, file=f"{one.file.removesuffix('.csv')}_{number}.csv")
+            named[one.file] = one
+            raw.append(read_clip(part, columns))
+    return raw, list(named.values())
 
 
 def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -> Clip:
@@ -167,12 +193,18 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     among = stated.readings(unit)
     fits = likely_readings(clip_set, among)
     if not fits and len(among) > 1:
-        fits = [_only_possible(clip_set, among)]
+        fits = [_only_possible(clip_set, among, stated.unit or unit)]
     best = fits[0].reading if fits else among[0]
     rivals = [one.reading for one in fits[1:] if _rivals(one, fits[0])]
     if rivals:
         either = f"{best.looks()}, or {rivals[0].looks()}"
         raise BadInput(f"{_extents(clip_set)}: {either}? {_ask([best, *rivals])}")
+    settled = stated.unit or unit or (bool(fits) and fits[0].shows_scale)
+    if not settled and may_be_pixels(clip_set):
+        raise BadInput(
+            f"{_extents(clip_set)}: {best.looks()}, or pixels? no cushion and no ball's size tells; "
+            f"where they are lengths, give --unit {best.unit}{PIXELS_REMEDY}"
+        )
     reading = best
     if stated.y_down is None or stated.turned is None:
         found = directed(clip_set, best)
@@ -188,7 +220,7 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
 
 
-def _only_possible(clip_set: ClipSet, among: Sequence[Reading]) -> ReadingEvidence:
+def _only_possible(clip_set: ClipSet, among: Sequence[Reading], stated_unit: str | None) -> ReadingEvidence:
     """Of short tracks, which speak for no reading, the one that puts them on the table; BadInput where not one does."""
     possible, extents = possible_readings(clip_set, among), _extents(clip_set)
     if not possible:
@@ -198,7 +230,8 @@ def _only_possible(clip_set: ClipSet, among: Sequence[Reading]) -> ReadingEviden
         )
     if len(possible) > 1:
         ask = _ask([one.reading for one in possible])
-        raise BadInput(f"{extents}: too little of the table to tell how they are meant; {ask}")
+        pixels = "" if stated_unit or not may_be_pixels(clip_set) else PIXELS_REMEDY
+        raise BadInput(f"{extents}: too little of the table to tell how they are meant; {ask}{pixels}")
     return possible[0]
 
 

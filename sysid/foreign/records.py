@@ -36,6 +36,16 @@ class Columns:
     file: str
     cells: Mapping[str, Sequence[str]]
     first_line: int = 2  # of the first row, for messages
+    lines: Sequence[int] = ()  # of each row, where they are not one after the other
+
+    def line(self, row: int) -> int:
+        """The line of a row, counted from 0."""
+        return self.lines[row] if self.lines else row + self.first_line
+
+    def rows(self, kept: Sequence[int]) -> Columns:
+        """Some of its rows."""
+        cells = {name: [column[k] for k in kept] for name, column in self.cells.items()}
+        return Columns(self.file, cells, self.first_line, [self.line(k) for k in kept])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -249,12 +259,13 @@ def _text(value: Any) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def numbers(cells: Sequence[str], where: str, first_line: int = 2) -> list[float]:
+def numbers(found: Columns, name: str) -> list[float]:
     """A column as numbers, NaN where it is empty; BadInput names the row of a text."""
-    found = []
+    cells, where = found.cells[name], f"{found.file}, column {shown(name)}"
+    values = []
     for k, cell in enumerate(cells):
         try:
-            found.append(float(cell) if cell and cell.lower() not in ("na", "none", "null") else math.nan)
+            values.append(float(cell) if cell and cell.lower() not in ("na", "none", "null") else math.nan)
         except ValueError:
-            raise BadInput(f"{where}, row {k + first_line}: {shown(cell)} is not a number: correct it") from None
-    return found
+            raise BadInput(f"{where}, row {found.line(k)}: {shown(cell)} is not a number: correct it") from None
+    return values

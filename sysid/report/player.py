@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.palette import ball_colour
+from models.palette import ball_colour
 from models.report.numbers import millimetres
 from models.shot import Track
 from sysid.clips import Clip, Observation

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.recording.palette import ball_colour, ink
+from models.palette import ball_colour, ink
 from models.report.axes import circle, draw_table, rgb
 from models.report.figure import FIGURE_WIDTH_IN, PATH_COLOUR, png
 from models.shot import Ball, Table, Track

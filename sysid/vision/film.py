@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.errors import BadInput
-from models.mjcf.snooker import MASS_PER_CUBED_DIAMETER
+from models.presets import usual_mass
 from models.recording.live import LiveTrack
 from models.workers.order import report
 from sysid.clips import ClipSet
@@ -46,7 +46,7 @@ class Taken:
     palette: Palette
     fps: float | None  # frames taken in a second; None: as the film says
     exposure: float | None  # of a frame [s]; None: estimated from the sweep of moving balls
-    mass: float | None  # of a ball [kg]; None: a snooker ball's of this size
+    mass: float | None  # of a ball [kg]; None: a usual one's of this size
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,11 @@ def track_film(
         for number, shot in enumerate(result.shots, 1):
             live.said(result.scene.time_of(shot.last), note(number, shot))
     result, seen = details(result, footage, camera, progress, not detector.rough)
-    mass = taken.mass if taken.mass is not None else MASS_PER_CUBED_DIAMETER * camera.diameter**3
+    usual, game = usual_mass(camera.diameter)
+    mass = taken.mass if taken.mass is not None else usual
     remarks = [*footage.assumed, *detector.notes, *result.notes]
     if taken.mass is None:
-        remarks.append(f"mass {mass:.4f} kg, that of a snooker ball of this size: give yours with --mass")
+        remarks.append(f"mass {mass:.4f} kg, that of a {game} ball of this size: give yours with --mass")
     extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
     clips = clip_set(result, camera, mass, result.picture_rate or footage.fps, extras) if result.shots else None
     return TrackedFilm(result, seen, clips, tuple(remarks), footage.fps)

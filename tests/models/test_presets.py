@@ -16,7 +16,7 @@ from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import Model, effect_class, full_model
 from models.pocket_shape import CORNER_PARALLEL_RAD, INCH_M, MIDDLE_PARALLEL_RAD, PocketShape
-from models.presets import TABLE_SETS, find_table
+from models.presets import TABLE_SETS, find_table, usual_mass
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 
@@ -120,6 +120,13 @@ def test_a_table_that_is_not_known_names_what_is_near(text: str, told: str) -> N
     assert find_table("1.881x0.943") == Table(1.881, 0.943)
     with pytest.raises(BadInput, match=told):
         find_table(text)
+
+
+def test_a_ball_of_a_game_s_size_weighs_what_that_game_s_ball_does() -> None:
+    for name, known in TABLE_SETS.items():
+        mass, game = usual_mass(known.ball.diameter)
+        assert mass == pytest.approx(known.ball.mass) and game == name.split()[0]
+    assert usual_mass(0.048)[0] == pytest.approx(0.1406 * (0.048 / 0.0525) ** 3)
 
 
 def test_facings_close_towards_the_throat() -> None:

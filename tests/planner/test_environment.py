@@ -20,6 +20,7 @@ from models.environment.task import ActionBounds, ShotEnvironment, ShotPhysics, 
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, effect_class, full_model
+from models.pocket_shape import read_pockets
 from models.shot import Table
 from planner import example_environment
 from planner.environment import as_actions, as_strokes, load
@@ -310,8 +311,10 @@ def test_bad_input_is_named() -> None:
         environment.expected(asks(1, 0), 0)
     with pytest.raises(BadInput, match="3 balls, 2 are observed; set balls"):
         load(scene(), model(), balls=2)
-    with pytest.raises(BadInput, match="are not the model's"):
+    with pytest.raises(BadInput, match=r"differ in table.length \(3.569 and 2.0\) and table.width"):
         load(scene(), full_model(Table(2.0, 1.0), SNOOKER_BALL))
+    with pytest.raises(BadInput, match=r'differ in table.pockets \("snooker" and "pool 9 ft"\): correct the scene'):
+        load(scene(), full_model(dataclasses.replace(SNOOKER_TABLE, pockets=read_pockets("pool 9 ft")), SNOOKER_BALL))
 
 
 @pytest.mark.slow

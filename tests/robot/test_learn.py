@@ -54,7 +54,7 @@ def shot(number: int, miss: float, spread: float = 0.018, every: int = 4, **chan
     end = None if math.isnan(miss) else np.array([0.3 + miss, 0.1])
     away = None if end is None else miss + 0.1
     made = PlayedShot(
-        number, SCENE, (number - 1) // every * every, np.array([0.3, 0.1]), spread, 0.8, True, end, 0.01, {},
+        number, SCENE, (number - 1) // every * every, np.array([0.3, 0.1]), spread, 0.8, True, end, 0.018, {},
         {"from_wanted": away}, None,
     )  # fmt: skip
     return dataclasses.replace(made, **change)
@@ -86,6 +86,15 @@ def test_a_series_ends_where_the_miss_is_what_the_plans_foresee() -> None:
     assert "nothing is left to learn" in why_ended(story((0.1, 0.022, 0.021)), 4)
     assert "miss is 21 mm (median of 4), predicted 18 mm" in why_ended(story((0.1, 0.022, 0.021)), 4)
     assert why_ended(story((0.1, 0.026, 0.0241)), 4) == "", "more than 1.3 times that, and it has just fallen before"
+
+
+def test_a_series_goes_on_while_the_miss_is_more_than_the_launcher_s_scatter() -> None:
+    """Plans of a model that is known badly predict a large miss, which is no reason to leave it at that."""
+    poor = story((0.5, 0.23, 0.22))
+    shots = tuple(dataclasses.replace(s, spread=0.2, floor=0.04) for s in poor.shots)
+    assert why_ended(dataclasses.replace(poor, shots=shots), 4) == ""
+    unknown = tuple(dataclasses.replace(s, floor=math.nan) for s in shots)
+    assert "predicted 200 mm: nothing is left to learn" in why_ended(dataclasses.replace(poor, shots=unknown), 4)
 
 
 def test_a_series_ends_where_the_miss_does_not_fall_any_more() -> None:

@@ -159,6 +159,16 @@ def ball_restitution(speed: float, c: Constants) -> float:
     return float(np.clip(c.ebb - c.ebb_v * (speed - 1.0), 0.0, 1.0))
 
 
+def ball_friction(q: Array, c: Constants) -> float:
+    """Friction of two balls (2, 5) that are about to meet along the first axis: mubb + mubb_b exp(-mubb_c slip).
+
+    It is that of the slip with which the impact begins, as Alciatore (technical proof A.14) takes it, all the way.
+    """
+    across = q[0, 1] - q[1, 1] + c.radius * (q[0, 4] + q[1, 4])
+    slip = np.hypot(across, c.radius * (q[0, 3] + q[1, 3]))
+    return max(float(c.mubb + c.mubb_b * np.exp(-c.mubb_c * slip)), 0.0)
+
+
 def _turned(rows: Array, x: float, y: float) -> Array:
     """(k, 5) rows (vx, vy, wx, wy, wz) in the frame whose first axis is the table's direction (x, y)."""
     turn = np.array([[x, y], [-y, x]])
@@ -176,8 +186,7 @@ def _collide(state: Array, i: int, j: int, grip: float, c: Constants, n: int) ->
     x, y = line / np.hypot(*line)
     q = _turned(state[[i, j], VX : WZ + 1], x, y)
     e = ball_restitution(float(q[0, 0] - q[1, 0]), c)
-    mu = (c.mubb * grip, c.mubb_b * grip, c.mubb_c)
-    q = impact(BALLS, q, e, mu, c.mus, _masses(state[[i, j]], c), c.radius, n)
+    q = impact(BALLS, q, e, (grip * ball_friction(q, c), 0.0, 0.0), c.mus, _masses(state[[i, j]], c), c.radius, n)
     state[[i, j], VX : WZ + 1] = _turned(q, x, -y)
 
 

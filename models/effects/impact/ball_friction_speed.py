@@ -1,12 +1,15 @@
 """Balls that grip each other more the slower they slip.
 
-Friction mu + gain exp(-decay s), s the slip of every moment of the impact; mu, the base's, is what remains of it at
-fast slip. Source: throw of pool balls (Marlow), fitted by Alciatore (technical proof A.14): 0.01 + 0.108 exp(-1.088 s).
-Leaves out chalk and dirt (cling), which change it from one impact to the next.
+Friction mu + gain exp(-decay s), s the slip with which the impact begins, throughout the impact; mu, the base's, is
+what remains of it at fast slip. Source: throw of pool balls (Marlow), fitted by Alciatore (technical proof A.14):
+0.01 + 0.108 exp(-1.088 s). Friction there is what throw shows, the mean over an impact, against the slip at its
+beginning; what it is while a slip dies away was not measured. Leaves out chalk and dirt (cling), which change it from
+one impact to the next.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from models.effect import Effect, ImpactState, param
@@ -22,5 +25,4 @@ class BallFrictionSpeed(Effect):
     def impact(self, hit: ImpactState) -> None:
         """More for what slips less."""
         if not hit.cushion:
-            hit.gain += self.gain
-            hit.decay = self.decay
+            hit.friction += self.gain * math.exp(-self.decay * hit.slip)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from models.contract import BALL, CONTRACTS, SAMPLE_TIMES_S, TABLE, faults, kept, numbers, played, tried
-from models.effect import BallState, Effect, ImageState, param
+from models.effect import BallState, Effect, ImageState, param, push_along
 from models.errors import BadInput
 from models.mjcf.native import Native
 from models.model_file import Estimate, Model, catalogue, full_model, read_model, write_model
@@ -117,7 +118,7 @@ def test_a_bad_model_file_is_named_in_one_line(old: str, new: str, words: list[s
 def test_files_that_cannot_be_read_or_written_are_named(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"nowhere\.toml: cannot be read"):
         read_model(tmp_path / "nowhere.toml")
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\x00")
     with pytest.raises(BadInput, match=r"binary\.toml, line 1: byte 0xff is not UTF-8"):
         read_model(tmp_path / "binary.toml")
     (tmp_path / "file").write_text("")
@@ -188,6 +189,17 @@ class Step(Effect):
 
 
 @dataclass(frozen=True)
+class Faint(Effect):
+    """A drag from some speed on, so slight that engines agree on a few shots."""
+
+    size: float = param(0.002, off=0.0, unit="m/s^2", bounds=(0.0, 2.0), source="nowhere")
+
+    def forces(self, ball: BallState) -> None:
+        if ball.rolling and math.hypot(ball.vx, ball.vy) > 0.7:
+            push_along(ball, -self.size, 0.0)
+
+
+@dataclass(frozen=True)
 class Idle(Effect):
     """Nothing."""
 
@@ -211,6 +223,8 @@ class Drunk(Effect):
         (Listing, "compiles", ["Listing.forces does not compile", "line ", "write plain arithmetic on numbers"]),
         (Misspelt, "compiles", ["Misspelt.forces uses 'acceleration'", "correct the name"]),
         (Push, "off_is_absent", ["is_off()"]), (Step, "engines_agree", ["differ by", "let horizon say"]),
+        (Step, "jumps_are_told", ["ball.ay by 1 at once", "add horizon(self, ball)"]),
+        (Faint, "jumps_are_told", ["at once", "speed 0.7 m/s", "add horizon(self, ball)"]),
         (Idle, "usual_acts", ["no shot is changed"]), (Drunk, "repeatable", ["differs when played again"]),
     ],
 )  # fmt: skip

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from models import palette
 from models.errors import BadInput
+from models.palette import ball_colour
 from models.pocket_shape import POCKET_SETS
-from models.recording import layers, palette
+from models.recording import layers
 from models.recording import shots as view
 from models.recording.clips import Review
-from models.recording.palette import ball_colour
 from models.recording.shots import write_review
 from models.recording.table import pocket_discs
 from models.shot import Array, Ball, Event, Table, Track

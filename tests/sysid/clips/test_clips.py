@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -42,6 +43,15 @@ def assert_same(one: ClipSet, two: ClipSet) -> None:
 
 
 # Round trips
+
+
+def test_a_table_by_name_stands_for_its_pockets_and_balls(folder: Path) -> None:
+    file = folder / "clips.toml"
+    sizes = read_clip_set(folder)
+    text = re.sub(r"(?s)\[table\].*?(?=\[camera\])", "", file.read_text())
+    file.write_text('table = "snooker"\n' + text)
+    found = read_clip_set(folder)
+    assert (found.table, found.ball) == (sizes.table, sizes.ball)
 
 
 def test_reads_what_the_format_says(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import re
 import shutil
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set
+from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set, write_clip_set
 from sysid.clips.contradictions import contact_distance, contradictions, rebounds, size_notes
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import options as size_options
@@ -94,6 +95,35 @@ def test_times_as_a_film_is_played_are_told_by_how_balls_roll(tmp_path: Path) ->
     assert "rolling balls slow down by 0.0073 m/s^2" in fault and "--fps F" in fault
     fault = only_fault(spoiled(tmp_path / "fast", lambda t, x, y: (t / 2, x, y), fps=240.0))
     assert "set off at 1.85 of the commanded speed" in fault and "correct t and fps" in fault
+
+
+def test_a_frame_rate_that_makes_balls_slow_down_as_on_no_cloth_stops_until_it_is_said_to_be_right(
+    tmp_path: Path,
+) -> None:
+    """Twice the frames taken in a second: no ball is too fast for a cue, yet all roll as through sand."""
+    folder = spoiled(tmp_path / "fast", lambda t, x, y: (t / 2, x, y), fps=240.0)
+    file = folder / "clips.toml"
+    text = re.sub(r"\n\[clip.cue\]\n(\w+ = .*\n)*", "", file.read_text())
+    file.write_text(text)
+    assert "0.47 m/s^2" in (fault := only_fault(folder)) and "write times_checked = true under [camera]" in fault
+    file.write_text(text.replace("[camera]", "[camera]\ntimes_checked = true"))
+    found = inspect_clip_set(folder)
+    assert not found.faults and "rolling balls slow down" in found.warnings[0]
+    write_clip_set(found.sound(), tmp_path / "again")  # a film that was tracked is not lost to a wrong frame rate
+    file.write_text(text)
+    write_clip_set(dataclasses.replace(found.sound(), extra={}), folder)
+    assert "write times_checked" in only_fault(folder)
+
+
+def test_a_clip_wholly_in_millimetres_is_said_to_be_that_in_one_line(tmp_path: Path) -> None:
+    folder = spoiled(tmp_path / "set")
+    with (folder / "clips/0003.csv").open(newline="") as text:
+        head, *body = csv.reader(text)
+    rows = [[t, ball, f"{1e3 * float(x):.1f}", f"{1e3 * float(y):.1f}", theta] for t, ball, x, y, theta in body]
+    (folder / "clips/0003.csv").write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    fault = only_fault(folder)
+    assert fault.startswith("clips/0003.csv: x = ") and "look like mm, other than in the rest" in fault
+    assert "divide them by 1000" in fault
 
 
 def test_frames_are_told_even_where_the_frame_rate_is_said_to_be_one(tmp_path: Path) -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.errors import BadInput
 from sysid.cli import main
 from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.clips.readings import Reading
-from sysid.foreign.columns import read_clip
+from sysid.foreign.columns import read_clip, shots_of
 from sysid.foreign.records import read_columns
 from sysid.vision.camera.projection import Camera, write_camera
 from tests.support.foreign_files import (
@@ -173,6 +174,12 @@ BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
     "too short still": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), ("--unit", "m"), "say so with --x-along"),
     "no unit": (lone(1e5 * STRAIGHT, STRAIGHT), (), "pixels need --camera"),
     "pixels": (lone(1e3 * STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"), (), "give the camera's file with --camera"),
+    "mm or pixels": (lone(2e2 + 3e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT), (), "or pixels? no cushion"),
+    "too short for pixels": (
+        lone(5e2 + 1e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT),
+        (),
+        "are pixels, give --camera",
+    ),
     "frames": ("frame,x,y\n0,1,2\n1,1,2\n2,1,2\n", (), "--fps"),
     "a column of another line": (
         't,ball,"x\u2028z",y\n0,cue,1,2\n0.1,cue,far,2\n',
@@ -211,6 +218,33 @@ def test_a_short_track_is_read_the_only_way_that_puts_it_on_the_table(
     [clip] = imported([tmp_path / "a.csv"], tmp_path / "out", "--unit", "m", "--origin", "centre").clips
     assert clip.balls["cue"].xy[-1] == pytest.approx([1.34, 0.07], abs=1e-5)
     assert "x along the length" in capsys.readouterr().out
+
+
+def test_lengths_that_lie_on_the_table_as_the_format_has_them_are_read_so(tmp_path: Path) -> None:
+    """One slow ball: across the width it would lie off the table, and in feet it shows too little of it."""
+    (tmp_path / "a.csv").write_text(lone(-1.0 + 2.5 * (STRAIGHT - 0.1), 0.1 + 0.9 * (STRAIGHT - 0.1)))
+    [clip] = imported([tmp_path / "a.csv"], tmp_path / "out").clips
+    assert clip.balls["cue"].xy[-1] == pytest.approx([0.5, 0.64], abs=1e-5)
+
+
+def test_a_long_table_is_split_by_its_column_of_shots(tmp_path: Path, source: Path) -> None:
+    """In UTF-16, as spreadsheets write it, shots in any order of rows."""
+    rows = [f"{k},{line}" for k, file in enumerate(sorted((source / "clips").glob("*.csv")), 1)
+            for line in file.read_text().splitlines()[1:]]  # fmt: skip
+    turns = sorted(rows, key=lambda row: (float(row.split(",")[1]), row))
+    (tmp_path / "all.csv").write_text("\n".join(["shot,t,ball,x,y,theta", *turns]), encoding="utf-16")
+    found = imported([tmp_path / "all.csv"], tmp_path / "out")
+    assert [clip.file for clip in found.clips] == [f"clips/all_{k}.csv" for k in range(1, 9)]
+    assert furthest(found, read_clip_set(source)) < 1e-5
+    (tmp_path / "bad.csv").write_text("shot,t,ball,x,y\n1,0,cue,0,0\n2,0,cue,0,0\n1,1,cue,far,0\n")
+    with pytest.raises(BadInput, match="row 4: 'far' is not a number"):
+        [read_clip(part, {}) for _, part in shots_of(read_columns(tmp_path / "bad.csv"), {})]
+
+
+def test_what_may_be_pixels_is_read_in_the_unit_that_is_stated(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(lone(2e2 + 3e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT))
+    [clip] = imported([tmp_path / "a.csv"], tmp_path / "out", "--unit", "mm").clips
+    assert clip.balls["cue"].xy[-1] == pytest.approx([2.3 - LENGTH / 2, 0.37 - WIDTH / 2], abs=1e-5)
 
 
 def test_what_the_tracks_contradict_is_drawn_and_not_written(

@@ -1,4 +1,7 @@
-"""Colours on the screen and on paper: the table, the balls by their names, the model."""
+"""Colours on the screen, on paper and in MuJoCo: the table, the balls by their names, the model.
+
+Balls of pool go by their numbers; a stripe has the colour of its stripe.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +28,29 @@ SCREEN_COLOURS: Mapping[str, Colour] = {
     "purple": (110, 60, 170),
     "maroon": (130, 40, 30),
 }
+POOL_COLOURS = ("yellow", "blue", "red", "purple", "orange", "green", "maroon", "black")  # of 1 to 8, of 9 to 15 again
+POOL_NUMBER = re.compile(r"(?:ball|solid|stripe|stripes|solids)?[ _-]*0*(\d{1,2})(?:[ _-]*ball)?")
+NUMBER_WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 INK_BRIGHTNESS = (90.0, 165.0)  # of lines that show on black and on white
 OTHER_COLOURS = ((255, 127, 14), (148, 103, 189), (188, 189, 34), (120, 60, 120), (140, 160, 255), (160, 200, 160))
 
 
 def ball_colour(name: str) -> Colour:
-    """The snooker colour that a ball's name starts with (`red_07` is red), else one of PALETTE, always the same."""
+    """The colour that a ball's name starts with (`red_07` is red), that of its number in pool, or always the same."""
+    if (number := pool_number(name)) is not None:
+        return SCREEN_COLOURS[POOL_COLOURS[(number - 1) % len(POOL_COLOURS)]]
     other = OTHER_COLOURS[hashlib.sha256(name.encode()).digest()[0] % len(OTHER_COLOURS)]
     return SCREEN_COLOURS.get(re.split(r"[^a-z]", name.lower(), maxsplit=1)[0], other)
+
+
+def pool_number(name: str) -> int | None:
+    """The number of a ball of pool, by names such as 8, ball 8, 8 ball and eight; None for other names."""
+    plain = name.strip().lower()
+    word = plain.removeprefix("ball").removesuffix("ball").strip(" _-")
+    if word in NUMBER_WORDS:
+        return NUMBER_WORDS.index(word) + 1
+    found = POOL_NUMBER.fullmatch(plain)
+    return int(found[1]) if found is not None and 1 <= int(found[1]) <= 15 else None
 
 
 def ink(colour: Colour) -> Colour:

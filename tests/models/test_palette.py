@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from models.recording.palette import SCREEN_COLOURS, Colour, ball_colour, ink
+from models.mjcf.world import colour as world_colour
+from models.palette import SCREEN_COLOURS, Colour, ball_colour, ink
 
 LEAST_CONTRAST = 2.0  # of a line with what is behind it
 
@@ -24,3 +25,14 @@ def test_curves_show_on_black_and_on_white(name: str) -> None:
 
 def test_colours_that_show_stay_as_they_are() -> None:
     assert ink(SCREEN_COLOURS["blue"]) == SCREEN_COLOURS["blue"]
+
+
+@pytest.mark.parametrize(
+    ("names", "colour"),
+    [(("8", "ball 8", "8 ball", "eight", "ball_08", "black"), "black"), (("1", "9", "ball 9", "yellow"), "yellow"),
+     (("red 8", "red"), "red"), (("cue", "white"), "white")],
+)  # fmt: skip
+def test_balls_have_one_colour_on_paper_and_in_mujoco(names: tuple[str, ...], colour: str) -> None:
+    for name in names:
+        assert ball_colour(name) == SCREEN_COLOURS[colour], name
+        assert world_colour(name) == pytest.approx([c / 255 for c in SCREEN_COLOURS[colour]], abs=1e-3)

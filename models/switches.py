@@ -1,0 +1,114 @@
+"""Forces that jump along a ball's way: where, of an effect whose `horizon` does not say when.
+
+In: an effect. Out: a state at which its compiled `forces` jump, if one is met.
+
+The event engine takes steps along a ball's way that its error estimate allows, as for a force that varies smoothly; it
+ends a step where `horizon` says. A jump within a step is an error that depends on where the steps happen to end: shots
+are off by it, and derivatives of a fit are noise. So ways are laid through all that a state holds. Where the forces
+change most from point to point of one, the interval is halved, always keeping the half that changes more: what stays as
+its length goes to nothing is a jump. Leaves out jumps that no way meets, such as those within a very small place.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effect import Effect
+from models.hooks import BallState, address, fields_of
+from models.shot import Array, Ball, Table
+
+WAYS, POINTS, HALVINGS = 300, 64, 44  # halvings leave 1e-13 of a step, a few of the last bits of a float
+SEED = 1
+MAX_SPEED_M_S, MAX_SIDESPIN, MAX_TIME_S = 4.0, 100.0, 12.0
+LASTING = 0.5  # of the change between two points of a way, by a jump between them
+FIELDS = fields_of(BallState)
+ACTS = tuple(FIELDS.index(name) for name in FIELDS[FIELDS.index("weight") :])
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A force that jumps."""
+
+    field: str  # of BallState, that it changes
+    size: float
+    state: BallState  # at which it does
+
+
+def jump_of(effect: Effect, table: Table, ball: Ball) -> Jump | None:
+    """The largest jump of an effect's forces that is met along some way; None where there is none.
+
+    Args:
+        effect: one number a parameter.
+        table: on which the ways lie.
+        ball: that goes along them.
+
+    Raises:
+        HookError: its forces do not compile.
+    """
+    function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(
+        address(type(effect).forces, "forces", type(effect).layout())
+    )
+    own = np.ascontiguousarray(effect.row(1)[0])
+
+    def acting(states: Array) -> Array:
+        """What the forces do at (n, fields): (n, k)."""
+        rows = np.ascontiguousarray(states)
+        for row in rows:
+            function(own.ctypes.data, row.ctypes.data)
+        return np.asarray(rows[:, ACTS])
+
+    rng, worst = np.random.default_rng(SEED), None
+    for _ in range(WAYS):
+        begin, end = _way(rng, table, ball)
+        found = _largest(begin, end, acting)
+        if found is not None and (worst is None or found.size > worst.size):
+            worst = found
+    return worst
+
+
+def _largest(begin: Array, end: Array, acting: Callable[[Array], Array]) -> Jump | None:
+    """The largest jump between two states."""
+    values = acting(begin + np.linspace(0.0, 1.0, POINTS)[:, None] * (end - begin))
+    change = np.abs(np.diff(values, axis=0))
+    worst = None
+    for k in np.flatnonzero(change.max(axis=0) > 0).tolist():
+        first = int(change[:, k].argmax())
+        low, high = first / (POINTS - 1), (first + 1) / (POINTS - 1)
+        a, b = values[first, k], values[first + 1, k]
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            m = acting((begin + middle * (end - begin))[None])[0, k]
+            low, high, a, b = (low, middle, a, m) if abs(m - a) >= abs(b - m) else (middle, high, m, b)
+        if abs(b - a) > LASTING * change[first, k] and (worst is None or abs(b - a) > worst.size):
+            state = BallState(*(begin + high * (end - begin)).tolist())
+            worst = Jump(FIELDS[ACTS[k]], float(abs(b - a)), state)
+    return worst
+
+
+def _way(rng: np.random.Generator, table: Table, ball: Ball) -> tuple[Array, Array]:
+    """Two states of a ball that rolls, or slides, between which all changes evenly: two rows of BallState."""
+    limits, rolls = table.centre_limits(ball), rng.random() < 0.5
+    heading, turn = rng.uniform(-math.pi, math.pi), rng.uniform(-0.3, 0.3) if rolls else rng.uniform(-math.pi, math.pi)
+    shared = {"launch": rng.uniform(0.1, MAX_SPEED_M_S), "order": rng.random(), "warmth": rng.uniform(-5.0, 10.0),
+              "cloth_age": rng.uniform(0.0, 200.0), "table": 1.0, "player": 1.0, "number": float(rng.integers(2)),
+              "radius": ball.radius, "mass": ball.mass, "rolling": float(rolls)}  # fmt: skip
+    rows = []
+    for k, late in enumerate(np.sort(rng.random(2)).tolist()):
+        x, y = rng.uniform(-limits, limits).tolist()
+        speed = rng.uniform(0.01, MAX_SPEED_M_S)
+        vx, vy = speed * math.cos(heading + k * turn), speed * math.sin(heading + k * turn)
+        slides = rng.uniform(-MAX_SIDESPIN, MAX_SIDESPIN, 2).tolist()
+        wx, wy = (-vy / ball.radius, vx / ball.radius) if rolls else slides
+        state = BallState(
+            x=x, y=y, vx=vx, vy=vy, wx=wx, wy=wy, wz=rng.uniform(0.1, MAX_SIDESPIN), time=late * MAX_TIME_S,
+            slip_x=vx - ball.radius * wy, slip_y=vy + ball.radius * wx, hour=12.0 + late * MAX_TIME_S / 3600.0,
+            rolled=late * MAX_TIME_S * MAX_SPEED_M_S / ball.radius, **shared,
+        )  # fmt: skip
+        rows.append(np.array(dataclasses.astuple(state)))
+    return rows[0], rows[1]
