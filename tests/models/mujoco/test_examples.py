@@ -15,6 +15,7 @@ SAYS = {
     "paddle": r"paddle at -?0\.\d+ m, white at 0\.\d+ m",
     "launcher": r"cue 1\.[45]\d+ m/s, ball 1\.\d+ m/s, squirt 0\.\d+ degrees, tip \d{3} N\nthe slate bears \d\.\d+ N",
     "gymnasium_env": r"reward -?\d\.\d+; white stopped at \[",
+    "dm_control_task": r"the red has moved 0\.[3-9]\d m",
     "viewer": r"red after the shot: \[",
     "physics": r"a picture of \(360, 640, 3\)",
 }
@@ -24,7 +25,9 @@ def test_each_example_is_run_here() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == set(SAYS)
 
 
-@pytest.mark.parametrize("name", ["own_loop", "batch", "paddle", "launcher", "viewer", "gymnasium_env"])
+@pytest.mark.parametrize(
+    "name", ["own_loop", "batch", "paddle", "launcher", "viewer", "gymnasium_env", "dm_control_task"]
+)
 def test_an_example_runs(name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "gymnasium_env":
         pytest.importorskip("shimmy", reason="needs the extra gym: pip install -e '.[gym]'")
