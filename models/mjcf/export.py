@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
+import mujoco
 import numpy as np
 
 from models.command_line import FILE_PATH, gathered, given, input_option, lone_command, run
@@ -29,7 +30,12 @@ from models.shot import Array, Ball, Table
 def export(
     model: Model, places: Mapping[str, Array], path: Path | str, *, launcher: bool = False, bare: bool = False
 ) -> None:
-    """Write a model's native world, whole or not at all; `places` says where each ball waits, (2,) [m].
+    """Write a model's native world, whole or not at all; see `spec_of`."""
+    write_whole(path, spec_of(model, places, launcher=launcher, bare=bare).to_xml().encode(), parents=True)
+
+
+def spec_of(model: Model, places: Mapping[str, Array], *, launcher: bool = False, bare: bool = False) -> mujoco.MjSpec:
+    """A model's native world; `places` says where each ball waits, (2,) [m].
 
     A launcher is aimed at the first ball, along +x. A bare world has nothing that is only seen; its noses are shown.
     """
@@ -51,7 +57,7 @@ def export(
         spec.compile()
     except ValueError as error:
         raise BadInput(f"MuJoCo takes no such world ({str(error).splitlines()[0]}); change names or sizes") from error
-    write_whole(path, spec.to_xml().encode(), parents=True)
+    return spec
 
 
 def _check(model: Model, names: Sequence[str], xy: Array) -> None:
@@ -73,6 +79,17 @@ def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
     """Balls side by side in the middle of the table."""
     gap = ball.diameter * 1.5
     return {name: np.array([(k - (len(names) - 1) / 2) * gap, 0.0]) for k, name in enumerate(names)}
+
+
+def places_of(model: Model, balls: str | None) -> dict[str, Array]:
+    """Balls of these names, parted by commas, side by side; a frame of snooker without any."""
+    if balls is None:
+        spots = racked(model.table, model.ball)
+        return {"white": spots.pop("white"), **spots}
+    names = balls.split(",")
+    if len(set(names)) < len(names):
+        raise BadInput(f"--balls {balls} names a ball twice; give each a name of its own")
+    return in_a_row(names, model.ball)
 
 
 @dataclass(frozen=True)
@@ -112,15 +129,7 @@ class Sizes:
 def main(out: Path, model_file: Path | None, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
     """Write a table with its balls as plain MJCF."""
     model = sizes.model(model_file)
-    if balls is not None:
-        names = balls.split(",")
-        if len(set(names)) < len(names):
-            raise BadInput(f"--balls {balls} names a ball twice; give each a name of its own")
-        places = in_a_row(names, model.ball)
-    else:
-        spots = racked(model.table, model.ball)
-        places = {"white": spots.pop("white"), **spots}
-    export(model, places, out, launcher=launcher, bare=bare)
+    export(model, places_of(model, balls), out, launcher=launcher, bare=bare)
     return Status.DONE
 
 
