@@ -1,8 +1,8 @@
 """A table, its balls and, where wanted, the launcher as one plain MJCF file for any MuJoCo viewer.
 
-Its contacts are MuJoCo's own, with the native terms of a model file or the shipped ones (models/mjcf/native.py);
-models/README.md says what they cannot do. The shipped file, short enough to be read, is from
-`python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
+Its contacts are MuJoCo's own, with the shipped native terms (models/mjcf/native.py); models/README.md says what they
+cannot do. `sysid export` writes a fitted table, with terms of its own. The shipped file, short enough to be read, is
+from `python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import click
 import mujoco
 import numpy as np
 
-from models.command_line import FILE_PATH, gathered, given, input_option, lone_command, run
+from models.command_line import FILE_PATH, gathered, given, lone_command, run
 from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import build_scene
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.mjcf.world import build_spec
-from models.model_file import Model, read_model
+from models.model_file import Model
 from models.shot import Array, Ball, Table
 
 
@@ -81,15 +81,14 @@ def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
     return {name: np.array([(k - (len(names) - 1) / 2) * gap, 0.0]) for k, name in enumerate(names)}
 
 
-def places_of(model: Model, balls: str | None) -> dict[str, Array]:
-    """Balls of these names, parted by commas, side by side; a frame of snooker without any."""
+def places_of(model: Model, balls: Sequence[str] | None) -> dict[str, Array]:
+    """Balls of these names side by side; without names a frame of snooker, the white first."""
     if balls is None:
         spots = racked(model.table, model.ball)
         return {"white": spots.pop("white"), **spots}
-    names = balls.split(",")
-    if len(set(names)) < len(names):
-        raise BadInput(f"--balls {balls} names a ball twice; give each a name of its own")
-    return in_a_row(names, model.ball)
+    if len(set(balls)) < len(balls):
+        raise BadInput(f"--balls {','.join(balls)} names a ball twice; give each a name of its own")
+    return in_a_row(balls, model.ball)
 
 
 @dataclass(frozen=True)
@@ -102,16 +101,12 @@ class Sizes:
     mass: float | None = given("--mass", "M", "Mass of a ball [kg].", float)
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool, False)
 
-    def model(self, model_file: Path | None) -> Model:
-        """The model of a file, or a bare one of these sizes."""
+    def model(self) -> Model:
+        """A bare model of these sizes."""
         for name in ("length", "width", "diameter", "mass"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise BadInput(f"--{name} is {value}; give a positive number")
-            if value is not None and model_file:
-                raise BadInput(f"--{name} beside --model, which has its own; leave one of them out")
-        if model_file:
-            return read_model(model_file).as_played()
         table, ball = SNOOKER_TABLE, SNOOKER_BALL
         return Model(
             Table(self.length or table.length, self.width or table.width, not self.no_pockets),
@@ -121,15 +116,14 @@ class Sizes:
 
 @lone_command("models.mjcf.export")
 @click.argument("out", metavar="OUT.xml", type=FILE_PATH)
-@input_option("model", "M.toml", "Take table, ball and native terms of a model file.")
 @gathered("sizes", Sizes)
 @click.option("--balls", metavar="A,B,...", help="Names, which give the colours; by default all 22 on their spots.")
 @click.option("--launcher", is_flag=True, help="Add the cue launcher behind the first ball.")
 @click.option("--bare", is_flag=True, help="Leave out what is only seen.")
-def main(out: Path, model_file: Path | None, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
-    """Write a table with its balls as plain MJCF."""
-    model = sizes.model(model_file)
-    export(model, places_of(model, balls), out, launcher=launcher, bare=bare)
+def main(out: Path, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
+    """Write a table of these sizes, with its balls, as plain MJCF; for a fitted table see sysid export."""
+    model = sizes.model()
+    export(model, places_of(model, balls.split(",") if balls is not None else None), out, launcher=launcher, bare=bare)
     return Status.DONE
 
 

@@ -1,21 +1,23 @@
 """The native MJCF, tuned as well as its terms allow: least squares against a model, case by case.
 
-In: a model; the analytic models' constants for models/mjcf/native.py, which holds what was found (`sysid match --tune
-M.toml`). Out: native terms.
+In: a model: the analytic models' constants for models/mjcf/native.py, which holds what was found (`sysid match --tune
+M.toml`), or a fitted one, for its export (sysid/mjcf). Out: native terms.
 
 The unknowns are the terms, the solver is that of the workbench (sysid/estimation/solver). Cloth: positions and sidespin
-over 3 s; impacts: velocity and R omega after them, over the speed before.
+over 3 s; rolling: the same of balls that roll from the start; impacts: velocity and R omega after them, over the speed
+before.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection
+import logging
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from models.engine.play import play
+from models.effect import Effect
 from models.mjcf.native import TUNING_SOURCE, Native
 from models.model_file import Estimate, Model
 from models.shot import Array, Ball, Shot, Table, Track
@@ -32,6 +34,7 @@ from sysid.validation.shots import (
     random_states,
 )
 
+log = logging.getLogger(__name__)
 RANDOM_STATES = 60  # states of motion, or impacts, that a case is fitted to
 RELATIVE_STEP = 0.01  # of finite differences
 CAUCHY_SCALE = 10.0  # of the robust loss
@@ -45,13 +48,18 @@ TERMS_BY_CASE = {
     "ball": ("ball_restitution", "ball_friction", "ball_grip"),
     "cushion": ("cushion_restitution", "cushion_friction", "cushion_grip"),
 }
+GRIP_START_S = 0.002  # that of all contacts when a fit starts [s]: the time of a contact
+REBOUND_START = 0.9  # restitution of cushions when a fit starts, at most
+Player = Callable[[Model, Sequence[Shot]], list[Track]]
 
 
 def shots_of(case: str, table: Table = MATHAVAN_TABLE, ball: Ball = SNOOKER_BALL) -> list[Shot]:
-    """The shots that the terms of a case are fitted to."""
-    if case == "cloth":
+    """The shots that the terms of a case are fitted to: "cloth", "rolling", "ball" or "cushion"."""
+    if case in ("cloth", "rolling"):
         still, times = np.zeros((1, 2)), np.linspace(0, 3, 13)
         velocity, spin = random_states(RANDOM_STATES, ball.radius)
+        if case == "rolling":
+            spin = np.column_stack([-velocity[:, 1], velocity[:, 0], np.zeros(len(velocity))]) / ball.radius
         return [Shot(("white",), still, v[None], w[None], times) for v, w in zip(velocity, spin, strict=True)]
     states = np.concatenate(impact_states(case, RANDOM_STATES))
     after = SETTLING_TIME_S["native"]
@@ -73,28 +81,37 @@ def residuals(case: str, shots: list[Shot], ours: list[Track], theirs: list[Trac
 
 
 def tune(
-    case: str, native: Native, truth: Model, report: Callable[[str], None] | None = None, fixed: Collection[str] = ()
-) -> Native:
-    """Fit the native terms of a case to what a model plays; the others, and those that are fixed, keep their values."""
+    case: str, names: Sequence[str], native: Native, truth: Model, move: Player = simulate,
+    kept: tuple[Effect, ...] = (),
+) -> Native:  # fmt: skip
+    """Fit native terms to what a model plays in the shots of a case; the others keep their values.
+
+    Args:
+        case: of `shots_of`.
+        names: of the terms.
+        native: from which the fit starts.
+        truth: what is played.
+        move: plays models with native terms in place of the effects for cloth, balls and cushions.
+        kept: effects that such a model has as well.
+    """
     ball = truth.ball
-    table = OPEN_TABLE if case == "cloth" else dataclasses.replace(truth.table, pockets=False)
-    names, shots = [name for name in TERMS_BY_CASE[case] if name not in fixed], shots_of(case, table, ball)
-    played = play(dataclasses.replace(truth, table=table), shots)
+    table = OPEN_TABLE if case in ("cloth", "rolling") else dataclasses.replace(truth.table, pockets=False)
+    shots = shots_of(case, table, ball)
+    played = simulate(dataclasses.replace(truth, table=table), shots)
+    bare = Model(table, ball, native, kept)
     bounds = np.log(np.maximum([Native.parameters()[name]["bounds"] for name in names], 1e-6))
 
     def evaluate(x: Array, _c: Array, _which: Any) -> Array:
         """Residuals (k, m) for the logarithms of k sets of terms (k, p), all in one batch."""
         values = np.exp(np.clip(x, bounds[:, 0], bounds[:, 1]))
         each = {f"native.{name}": np.repeat(values[:, i], len(shots)) for i, name in enumerate(names)}
-        model = Model(table, ball, native).with_values(each)
-        tracks = simulate(model, shots * len(x))
+        tracks = move(bare.with_values(each), shots * len(x))
         parts = [tracks[k * len(shots) : (k + 1) * len(shots)] for k in range(len(x))]
         found = np.stack([residuals(case, shots, part, played, ball.radius) for part in parts])
-        if report:
-            report(f"{case}: " + ", ".join(f"{n} {v:.4g}" for n, v in zip(names, values[0], strict=True)))
+        log.info("%s: %s", case, ", ".join(f"{n} {v:.4g}" for n, v in zip(names, values[0], strict=True)))
         return found
 
-    start = np.log([[getattr(native, name) for name in names]])
+    start = np.clip(np.log(np.maximum([[getattr(native, name) for name in names]], 1e-6)), bounds[:, 0], bounds[:, 1])
     none = Prior(start, np.full_like(start, np.inf))
     steps = np.full(len(names), RELATIVE_STEP)
     x, _ = fit_each(Objective(evaluate, steps, none, CAUCHY_SCALE, rough=True), start, np.zeros(0), 25)
@@ -102,21 +119,24 @@ def tune(
     return dataclasses.replace(native, **{n: float(v) for n, v in zip(names, found, strict=True)})
 
 
-def nearest_native(truth: Model, report: Callable[[str], None] | None = None, fixed: Collection[str] = ()) -> Native:
-    """The native terms nearest to what a model plays, begun at its constants; `fixed` ones stay there."""
-    c = truth.parameters()
-    native = Native(
-        slide=c["decoupled_cloth.slide"], roll=c["decoupled_cloth.roll"], spin=c["decoupled_cloth.spin"],
-        ball_restitution=c["ball_impact.restitution"], ball_friction=c["ball_impact.friction"], ball_grip=0.002,
-        cushion_restitution=min(c["cushion_impact.restitution"], 0.9),
-        cushion_friction=c["cushion_impact.friction"], cushion_grip=0.002,
+def start_of(truth: Model) -> Native:
+    """Native terms to start from: a model's own constants, and where it has none those of its native terms."""
+    c, own = truth.parameters(), truth.native
+    return dataclasses.replace(
+        own,
+        slide=c.get("decoupled_cloth.slide", own.slide), roll=c.get("decoupled_cloth.roll", own.roll),
+        spin=c.get("decoupled_cloth.spin", own.spin),
+        ball_restitution=c.get("ball_impact.restitution", own.ball_restitution),
+        ball_friction=c.get("ball_impact.friction", own.ball_friction), ball_grip=GRIP_START_S,
+        cushion_restitution=min(c.get("cushion_impact.restitution", own.cushion_restitution), REBOUND_START),
+        cushion_friction=c.get("cushion_impact.friction", own.cushion_friction), cushion_grip=GRIP_START_S,
     )  # fmt: skip
-    for case in TERMS_BY_CASE:
-        native = tune(case, native, truth, report, fixed)
-    return native
 
 
-def tuned(report: Callable[[str], None] | None = None) -> Model:
+def tuned() -> Model:
     """The native model closest to the analytic ones, fitted from the constants of the analytic models."""
+    native = start_of(ANALYTIC_MODEL)
+    for case, names in TERMS_BY_CASE.items():
+        native = tune(case, names, native, ANALYTIC_MODEL)
     known = {f"native.{name}": Estimate(source=TUNING_SOURCE) for name in Native.parameters()}
-    return Model(MATHAVAN_TABLE, SNOOKER_BALL, nearest_native(ANALYTIC_MODEL, report), estimates=known)
+    return Model(MATHAVAN_TABLE, SNOOKER_BALL, native, estimates=known)

@@ -38,10 +38,11 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "vision": ("clips",),
         "estimation": ("clips",),
         "validation": ("clips", "estimation"),
+        "mjcf": ("validation",),
         "residuals": ("clips", "estimation"),
         "selection": ("clips", "estimation"),
         "report": ("clips", "vision", "estimation", "residuals", "selection"),
-        "cli": ("clips", "direct", "vision", "estimation", "validation", "residuals", "selection", "report"),
+        "cli": ("clips", "direct", "vision", "estimation", "validation", "mjcf", "residuals", "selection", "report"),
     },
     "sysid.vision": {
         "camera": (),
