@@ -7,6 +7,7 @@ from `python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,re
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,12 @@ def export(
     model: Model, places: Mapping[str, Array], path: Path | str, *, launcher: bool = False, bare: bool = False
 ) -> None:
     """Write a model's native world, whole or not at all; see `spec_of`."""
-    write_whole(path, spec_of(model, places, launcher=launcher, bare=bare).to_xml().encode(), parents=True)
+    write_whole(path, text_of(spec_of(model, places, launcher=launcher, bare=bare)).encode(), parents=True)
+
+
+def text_of(spec: mujoco.MjSpec) -> str:
+    """A world as MJCF that MuJoCo from 3.3 on reads: without what newer ones write, and older ones do by themselves."""
+    return re.sub(r' colorspace="auto"| input="(pos|vel)"', "", spec.to_xml())
 
 
 def spec_of(model: Model, places: Mapping[str, Array], *, launcher: bool = False, bare: bool = False) -> mujoco.MjSpec:
@@ -53,6 +59,7 @@ def spec_of(model: Model, places: Mapping[str, Array], *, launcher: bool = False
     if bare:
         for geom in spec.geoms:
             geom.group = 0 if geom.name.startswith("cushion") else geom.group
+    spec.compiler.conflict = mujoco.mjtConflict.mjCONFLICT_WARNING  # the default, which MuJoCo 3.3 does not know yet
     try:
         spec.compile()
     except ValueError as error:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from models.files import write_whole
+from models.mjcf.export import text_of
 from models.model_file import Model
 from models.sheet import Presented, Sheet
 from models.shot import Array
@@ -74,7 +75,7 @@ def plain_table(
     terms = fit_terms(moving)
     spec = plain_spec(replace(moving, native=terms.native), places, terms.of_rails, launcher=launcher, bare=bare)
     costs = costs_of(moving, terms)
-    return PlainTable(head(model, costs, origin) + spec.to_xml(), terms, costs)
+    return PlainTable(head(model, costs, origin) + text_of(spec), terms, costs)
 
 
 def head(model: Model, costs: tuple[Cost, ...], origin: str) -> str:
