@@ -7,6 +7,7 @@
     fitted = sysid.fit(clips)           # .model, .constants, .converged, .save("model.toml")
     diagnosis = sysid.diagnose(clips)   # .verdict, .ranking, .unexplained, .next_shot
     found = sysid.discover(clips)       # .verdict, .model, .last, .unexplained, .save("out")
+    sysid.export(found, "table.xml")    # the table as plain MJCF, for any MuJoCo
 
 All results are frozen values; arrays are NumPy's, in SI. They print as short tables, show themselves in notebooks, turn
 into data frames (`.frame()`), and write their page (`.report("page.html")`). What goes wrong with a file or a value
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
     from sysid.clips import check_clip_set as check_clips
     from sysid.clips import read_clip_set as read_clips
     from sysid.clips import write_clip_set as write_clips
-    from sysid.interface import compare, diagnose, discover, fit
+    from sysid.interface import compare, diagnose, discover, export, fit
 
 __all__ = [
-    "Clip", "ClipSet", "check_clips", "compare", "diagnose", "discover", "fit", "read_clips", "write_clips",
+    "Clip", "ClipSet", "check_clips", "compare", "diagnose", "discover", "export", "fit", "read_clips", "write_clips",
 ]  # fmt: skip
 __getattr__, __dir__ = lazy(
     __name__,
@@ -36,6 +37,7 @@ __getattr__, __dir__ = lazy(
         "compare": "sysid.interface:compare",
         "diagnose": "sysid.interface:diagnose",
         "discover": "sysid.interface:discover",
+        "export": "sysid.interface:export",
         "fit": "sysid.interface:fit",
         "read_clips": "sysid.clips:read_clip_set",
         "write_clips": "sysid.clips:write_clip_set",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,11 +18,13 @@ from typing import Any, TypeVar
 from models.console import Progress
 from models.files import made_folder
 from models.interface import HasModel, model_of
+from models.mjcf.export import places_of
 from models.model_file import Model, full_model, write_model
 from models.report.numbers import millimetres, number
 from models.sheet import Presented, Sheet
 from sysid.clips import ClipSet
 from sysid.estimation.clip_fit import ClipFit, fit_clips
+from sysid.mjcf.table import PlainTable, plain_table
 from sysid.report.findings import labelled_models, round_rows, shot_lines, verdict_lines
 from sysid.report.html import write_report
 from sysid.report.outcome import compared_ends, compared_with_formula, write_discovery, write_outcome
@@ -200,6 +202,30 @@ def discover(
 ) -> Discovery:  # fmt: skip
     """Fit, diagnose and add effects until nothing likely remains; `show` gets the result so far after each."""
     return _as(Discovery, discover_effects(clips, _start(clips, model), show, error_rate), clips=clips)
+
+
+def export(
+    model: Model | HasModel, path: Path | str, *, balls: Sequence[str] | Mapping[str, Any] | None = None,
+    launcher: bool = False, bare: bool = False, origin: str = "",
+) -> PlainTable:  # fmt: skip
+    """Write a model as plain MJCF, for any MuJoCo and without code of ours; what that leaves out comes back.
+
+    Args:
+        model: a model, or a result that has one.
+        path: of the file.
+        balls: names, or places (2,) [m] by name, the ball to be struck first; without, a frame of snooker.
+        launcher: with the cue launcher behind the first ball.
+        bare: without what is only seen.
+        origin: where the model comes from, for the head of the file.
+
+    Raises:
+        BadInput: for balls that no file can have, or a file that cannot be written.
+    """
+    own = model_of(model).as_played()
+    places = balls if isinstance(balls, Mapping) else places_of(own, balls)
+    table = plain_table(own, places, launcher=launcher, bare=bare, origin=origin)
+    table.save(path)
+    return table
 
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:

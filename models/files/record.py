@@ -1,8 +1,8 @@
 """A record, within a file, of the command and the input that made it.
 
 In: a file's bytes. Out: the same with the record, or the record that they hold. It stands where readers of such
-files pass over it: in a comment of TOML and PDF, a key of JSON, a text of PNG. It holds a digest of the rest, too: a
-file that was changed by hand is no longer what the command made.
+files pass over it: in a comment of TOML, XML and PDF, a key of JSON, a text of PNG. It holds a digest of the rest,
+too: a file that was changed by hand is no longer what the command made.
 """
 
 from __future__ import annotations
@@ -54,6 +54,11 @@ KINDS = (  # the last is that of all other texts
     _Kind(b"{", re.compile(rb',?\n "made": "' + TEXT + rb'"(?=\n\}\n\Z)'), _in_json),
     _Kind(b"\x89PNG", re.compile(rb"(?s)....tEXtSource\0" + TEXT + rb"....(?=\0\0\0\0IEND)"), _in_png),
     _Kind(b"%PDF", re.compile(rb"\n% " + TEXT + rb"\n\Z"), lambda content, text: content + b"\n% " + text + b"\n"),
+    _Kind(
+        b"<",
+        re.compile(rb"\n<!-- " + TEXT + rb" -->\n\Z"),
+        lambda content, text: content + b"\n<!-- " + text + b" -->\n",
+    ),
     _Kind(b"", re.compile(rb"\n# " + TEXT + rb"\n\Z"), lambda content, text: content + b"\n# " + text + b"\n"),
 )
 

@@ -1,12 +1,13 @@
 """A table, its balls and, where wanted, the launcher as one plain MJCF file for any MuJoCo viewer.
 
-Its contacts are MuJoCo's own, with the native terms of a model file or the shipped ones (models/mjcf/native.py);
-models/README.md says what they cannot do. The shipped file, short enough to be read, is from
-`python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
+Its contacts are MuJoCo's own, with the shipped native terms (models/mjcf/native.py); models/README.md says what they
+cannot do. `sysid export` writes a fitted table, with terms of its own. The shipped file, short enough to be read, is
+from `python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,14 +17,14 @@ import click
 import mujoco
 import numpy as np
 
-from models.command_line import FILE_PATH, gathered, given, input_option, lone_command, run
+from models.command_line import FILE_PATH, gathered, given, lone_command, run
 from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import attach_launcher
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.mjcf.world import build_spec
-from models.model_file import Model, read_model
+from models.model_file import Model
 from models.shot import Array, Ball, Table
 
 SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # stiff: a softer bed kicks a struck ball up by 0.08 m/s
@@ -32,7 +33,17 @@ SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # stiff: a softer bed kicks a 
 def export(
     model: Model, places: Mapping[str, Array], path: Path | str, *, launcher: bool = False, bare: bool = False
 ) -> None:
-    """Write a model's native world, whole or not at all; `places` says where each ball waits, (2,) [m].
+    """Write a model's native world, whole or not at all; see `spec_of`."""
+    write_whole(path, text_of(spec_of(model, places, launcher=launcher, bare=bare)).encode(), parents=True)
+
+
+def text_of(spec: mujoco.MjSpec) -> str:
+    """A world as MJCF that MuJoCo from 3.3 on reads: without what newer ones write, and older ones do by themselves."""
+    return re.sub(r' colorspace="auto"| input="(pos|vel)"', "", spec.to_xml())
+
+
+def spec_of(model: Model, places: Mapping[str, Array], *, launcher: bool = False, bare: bool = False) -> mujoco.MjSpec:
+    """A model's native world; `places` says where each ball waits, (2,) [m].
 
     A launcher is aimed at the first ball, along +x. A bare world has nothing that is only seen; its noses are shown.
     """
@@ -50,11 +61,12 @@ def export(
     if bare:
         for geom in spec.geoms:
             geom.group = 0 if geom.name.startswith("cushion") else geom.group
+    spec.compiler.conflict = mujoco.mjtConflict.mjCONFLICT_WARNING  # the default, which MuJoCo 3.3 does not know yet
     try:
         spec.compile()
     except ValueError as error:
         raise BadInput(f"MuJoCo takes no such world ({str(error).splitlines()[0]}); change names or sizes") from error
-    write_whole(path, spec.to_xml().encode(), parents=True)
+    return spec
 
 
 def _check(model: Model, names: Sequence[str], xy: Array) -> None:
@@ -78,6 +90,16 @@ def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
     return {name: np.array([(k - (len(names) - 1) / 2) * gap, 0.0]) for k, name in enumerate(names)}
 
 
+def places_of(model: Model, balls: Sequence[str] | None) -> dict[str, Array]:
+    """Balls of these names side by side; without names a frame of snooker, the white first."""
+    if balls is None:
+        spots = racked(model.table, model.ball)
+        return {"white": spots.pop("white"), **spots}
+    if len(set(balls)) < len(balls):
+        raise BadInput(f"--balls {','.join(balls)} names a ball twice; give each a name of its own")
+    return in_a_row(balls, model.ball)
+
+
 @dataclass(frozen=True)
 class Sizes:
     """Sizes of table and ball, SI; None for those of snooker."""
@@ -88,16 +110,12 @@ class Sizes:
     mass: float | None = given("--mass", "M", "Mass of a ball [kg].", float)
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool, False)
 
-    def model(self, model_file: Path | None) -> Model:
-        """The model of a file, or a bare one of these sizes."""
+    def model(self) -> Model:
+        """A bare model of these sizes."""
         for name in ("length", "width", "diameter", "mass"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
                 raise BadInput(f"--{name} is {value}; give a positive number")
-            if value is not None and model_file:
-                raise BadInput(f"--{name} beside --model, which has its own; leave one of them out")
-        if model_file:
-            return read_model(model_file).as_played()
         table, ball = SNOOKER_TABLE, SNOOKER_BALL
         return Model(
             Table(self.length or table.length, self.width or table.width, not self.no_pockets),
@@ -107,23 +125,14 @@ class Sizes:
 
 @lone_command("models.mjcf.export")
 @click.argument("out", metavar="OUT.xml", type=FILE_PATH)
-@input_option("model", "M.toml", "Take table, ball and native terms of a model file.")
 @gathered("sizes", Sizes)
 @click.option("--balls", metavar="A,B,...", help="Names, which give the colours; by default all 22 on their spots.")
 @click.option("--launcher", is_flag=True, help="Add the cue launcher behind the first ball.")
 @click.option("--bare", is_flag=True, help="Leave out what is only seen.")
-def main(out: Path, model_file: Path | None, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
-    """Write a table with its balls as plain MJCF."""
-    model = sizes.model(model_file)
-    if balls is not None:
-        names = balls.split(",")
-        if len(set(names)) < len(names):
-            raise BadInput(f"--balls {balls} names a ball twice; give each a name of its own")
-        places = in_a_row(names, model.ball)
-    else:
-        spots = racked(model.table, model.ball)
-        places = {"white": spots.pop("white"), **spots}
-    export(model, places, out, launcher=launcher, bare=bare)
+def main(out: Path, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
+    """Write a table of these sizes, with its balls, as plain MJCF; for a fitted table see sysid export."""
+    model = sizes.model()
+    export(model, places_of(model, balls.split(",") if balls is not None else None), out, launcher=launcher, bare=bare)
     return Status.DONE
 
 

@@ -193,10 +193,12 @@ def _vary(batch: Any, model: Model, names: Sequence[str], count: int, jaws: bool
     editors = [e for e in model.stack() if e.opens("edit")]
     if not any(np.ndim(getattr(e, key)) for e in editors for key in e.parameters()):
         return
+    own = np.column_stack([np.broadcast_to(getattr(e, key), count) for e in editors for key in e.parameters()])
     fields = {name: batch.expand(name) for name in BATCH_FIELDS}
-    for s in range(count):
-        variant = World(model.select(np.array([s])), names, jaws=jaws)
+    for row in np.unique(own, axis=0):
+        same = np.flatnonzero((own == row).all(axis=1))
+        variant = World(model.select(same[:1]), names, jaws=jaws)
         for name, values in fields.items():
             source = variant.mj_model.opt.gravity if name == "opt.gravity" else getattr(variant.mj_model, name)
-            values[s] = np.reshape(source, values[s].shape)
+            values[same] = np.reshape(source, values[0].shape)
         variant.forget()

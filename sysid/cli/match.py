@@ -29,7 +29,7 @@ def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: 
         from models.model_file import write_model
         from sysid.validation.native_fit import tuned
 
-        model = tuned(progress)
+        model = tuned()
         progress.close()
         print_constants(model)
         write_model(model, tune)

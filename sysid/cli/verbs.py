@@ -12,6 +12,7 @@ from sysid.cli import (
     discovery,
     doctor,
     effects,
+    export,
     foreign,
     init,
     markers,
@@ -38,6 +39,7 @@ PROGRAM = Program(
         "Model from clips": (measure.measure, compare.compare, compare.fit, plot.plot),
         "What the model leaves out": (discovery.diagnose, discovery.discover, discovery.demo, review.review),
         "Effects of the model": (effects.effects, effects.add, effects.remove, effects.new_effect),
+        "The table for others": (export.export,),
         "The engines themselves": (match.match,),
     },
 )

@@ -31,12 +31,12 @@ LEAD_TIME_S = 1e-4  # before the touch [s]
 RANDOM_SEED = 3
 
 
-def random_states(count: int) -> tuple[Array, Array]:
+def random_states(count: int, radius: float = SNOOKER_BALL.radius) -> tuple[Array, Array]:
     """Random velocities (n, 2) [m/s] of 0.2 to 3 m/s, and spins (n, 3) [rad/s]."""
     rng = np.random.default_rng(RANDOM_SEED)
     heading, speed = rng.uniform(-np.pi, np.pi, count), rng.uniform(0.2, 3.0, count)
     velocity = speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    return velocity, rng.normal(0, 1, (count, 3)) * np.minimum(speed[:, None], 2.0) / SNOOKER_BALL.radius
+    return velocity, rng.normal(0, 1, (count, 3)) * np.minimum(speed[:, None], 2.0) / radius
 
 
 GOLDEN_BALL = (  # angle to the line of centres [degrees], R w_roll and R w_z over speed
@@ -49,7 +49,10 @@ GOLDEN_CUSHION = (  # angle to the cushion [degrees], R w_top and R w_side over 
 )  # fmt: skip
 
 
-def impact_shot(kind: str, speed: float, angle: float, top: float, side: float, after: float) -> Shot:
+def impact_shot(
+    kind: str, speed: float, angle: float, top: float, side: float, after: float, table: Table = MATHAVAN_TABLE,
+    ball: Ball = SNOOKER_BALL,
+) -> Shot:  # fmt: skip
     """A ball LEAD_TIME_S before an impact, sampled then and a time `after` the touch.
 
     Args:
@@ -59,15 +62,17 @@ def impact_shot(kind: str, speed: float, angle: float, top: float, side: float, 
         top: R omega of top spin over speed.
         side: the same of sidespin.
         after: how long after the touch [s].
+        table: a cushion of which is met.
+        ball: that meets it, or another.
     """
     direction = np.array([np.cos(angle), np.sin(angle)])
-    spin = np.array([-top * direction[1], top * direction[0], side]) * speed / SNOOKER_BALL.radius
+    spin = np.array([-top * direction[1], top * direction[0], side]) * speed / ball.radius
     start = -LEAD_TIME_S * speed * direction
     times = np.array([0.0, LEAD_TIME_S + after])
     if kind == "cushion":
-        start = start + np.array([float(MATHAVAN_TABLE.centre_limits(SNOOKER_BALL)[0]), 0.0])
+        start = start + np.array([float(table.centre_limits(ball)[0]), 0.0])
         return Shot(("white",), start[None], speed * direction[None], spin[None], times)
-    places = np.array([start - [SNOOKER_BALL.diameter, 0.0], [0.0, 0.0]])
+    places = np.array([start - [ball.diameter, 0.0], [0.0, 0.0]])
     return Shot(
         ("white", "red"), places, np.array([speed * direction, [0, 0]]), np.array([spin, np.zeros(3)]), times
     )  # fmt: skip
@@ -116,11 +121,11 @@ def random_shots(count: int = 200, max_impacts: int = 4) -> tuple[list[Shot], li
     return shots, play(ANALYTIC_MODEL, shots)
 
 
-def two_ball_shots(count: int) -> list[Shot]:
-    """Shots of 0.5 to 3.5 m/s with spin, most of them at another ball, over 4 s on a snooker table without pockets."""
+def two_ball_shots(count: int, table: Table = FULL_TABLE, ball: Ball = SNOOKER_BALL) -> list[Shot]:
+    """Shots of 0.5 to 3.5 m/s with spin, most of them at another ball, over 4 s on a table."""
     rng = np.random.default_rng(RANDOM_SEED)
     shots: list[Shot] = []
-    half = FULL_TABLE.centre_limits(SNOOKER_BALL) - 0.05
+    half = table.centre_limits(ball) - 0.05
     while len(shots) < count:
         places = rng.uniform(-half, half, (2, 2))
         to = places[1] - places[0]
@@ -129,7 +134,7 @@ def two_ball_shots(count: int) -> list[Shot]:
         heading = np.arctan2(to[1], to[0]) + rng.normal(0, 0.03) if rng.random() < 0.7 else rng.uniform(-np.pi, np.pi)
         speed, velocity, spin = rng.uniform(0.5, 3.5), np.zeros((2, 2)), np.zeros((2, 3))
         velocity[0] = speed * np.array([np.cos(heading), np.sin(heading)])
-        spin[0] = rng.normal(0, 0.5, 3) * speed / SNOOKER_BALL.radius
+        spin[0] = rng.normal(0, 0.5, 3) * speed / ball.radius
         times = np.linspace(0, 4, 241)
         shots.append(Shot(("white", "red"), places, velocity, spin, times, session=Session(float(rng.random()))))
     return shots

@@ -30,6 +30,7 @@ WORKS = {
     "sysid review": "sysid review clips --save out/a.rrd",
     "sysid add": "sysid add squirt --model model.toml --out out/a.toml",
     "sysid remove": "sysid remove slide_friction_speed --model learn/fits/0002/model.toml --out out/a.toml",
+    "sysid export": "sysid export native.toml --out out/a.xml",
     "sysid init": "sysid init out/clips --table snooker",
     "sysid markers": "sysid markers --table snooker --out out/a.pdf",
     "sysid new-effect": "sysid new-effect mine --from result.json --dir out/effects",

@@ -66,6 +66,7 @@ VERBS = (
     Verb(f"sysid import track.parquet {SIZES} --unit m --origin centre --x-along length --fps 60 --out out",
          ("track.parquet",), 4, draws=True),
     Verb("sysid review clips --save out.rrd", CLIPS),
+    Verb("sysid export native.toml --out out.xml --balls white,red --bare", ("native.toml",), 2),
     Verb("sysid add squirt --model model.toml --out out.toml", ("model.toml",), 6),
     Verb("sysid remove slide_friction_speed --model learn/fits/0002/model.toml --out out.toml", REFIT[1:2], 4),
     Verb("sysid init out --table snooker", ()),
