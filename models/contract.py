@@ -106,7 +106,9 @@ def declared(kind: type[Effect]) -> list[str]:
             faults.append(f"{name}: no unit; a pure number has the unit 1")
         published = meta.get("published")
         if published is not None and not published[0] < meta["default"] <= published[1]:
-            faults.append(f"{name}: default {meta['default']} lies outside the published {published[0]} to {published[1]}")
+            faults.append(
+                f"{name}: default {meta['default']} lies outside the published {published[0]} to {published[1]}"
+            )
         if len(meta["source"]) <= 5:
             faults.append(f"{name}: no source; say where its value and bounds come from")
     return faults
