@@ -21,13 +21,11 @@ from models.command_line import FILE_PATH, gathered, given, lone_command, run
 from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
-from models.mjcf.launcher import attach_launcher
+from models.mjcf.launcher import SLATE_IMPEDANCE, attach_launcher
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.mjcf.world import build_spec
 from models.model_file import Model
 from models.shot import Array, Ball, Table
-
-SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # stiff: a softer bed kicks a struck ball up by 0.08 m/s
 
 
 def export(

@@ -42,6 +42,7 @@ END_MASS = 0.00703  # of the shaft, 1/20 of a snooker ball [kg]
 LEATHER_TIME_S: Final = 1e-3  # for which the tip touches a ball (Shepard 2001) [s]
 GEAR_RATIO, PINION_RADIUS_M = 3.0, 0.028  # motor turns a pinion turn (Robotic Billiards 2015); pitch radius [m]
 STAGE_TRAVEL_M = 0.025  # of the stage, each way [m]
+SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # of a struck ball's bed: a softer one kicks it up by 0.08 m/s
 CUE_SPEED_RANGE = (0.2, 3.2)  # of the cue [m/s]; the paper's strings give 0.3 to 2.75
 
 

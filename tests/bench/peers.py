@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -168,8 +167,7 @@ def rows() -> list[tuple[str, ...]]:
 def note() -> str:
     """How the figures are to be read."""
     if importlib.util.find_spec("pooltool") is None:
-        version = ".".join(map(str, sys.version_info[:2]))
-        return f"pooltool is not installed here (Python {version}; it needs 3.12), so not compared: see docs/results.md"
+        return "pooltool is not installed here, so not compared: see docs/results.md"
     return (
         "pooltool one at a time on one core, median; effects and engine in a batch (1000; 20 racks), on all cores;\n"
         "off: effects in MuJoCo, from where an independent program takes the same shots in fine steps"
