@@ -150,20 +150,34 @@ def callback(function: Callable[..., Any], signature: Any) -> Any:
     return found
 
 
-def is_ready() -> bool:
-    """Whether compiled code of these sources is on disk already."""
-    folder = cache_folder(MODELS_FOLDER / "engine")
-    return folder is not None and (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").exists()
+ALL_CODE = "ready"
+COMPILING_NOTE = "compiling the engine, once on this machine: about a minute"
 
 
-def set_ready() -> None:
-    """Note that everything has been compiled once."""
+def is_ready(part: str = ALL_CODE) -> bool:
+    """Whether compiled code of these sources, or a part of it, is on disk already."""
+    mark = _mark(part)
+    return mark is not None and mark.exists()
+
+
+def set_ready(part: str = ALL_CODE) -> None:
+    """Note that everything, or a part, has been compiled once."""
+    if (mark := _mark(part)) is not None and not mark.exists():
+        mark.touch()
+
+
+def note_compiling(part: str = ALL_CODE) -> None:
+    """Say on standard error that code will be compiled, where it, or a part that is needed, is not on disk yet."""
+    if not is_ready() and not is_ready(part):
+        print(COMPILING_NOTE, file=sys.stderr, flush=True)
+
+
+def _mark(part: str) -> Path | None:
     folder = cache_folder(MODELS_FOLDER / "engine")
-    if folder is not None:
-        (folder / f"ready-{stamp()[:16]}-{sys.version_info[1]}").touch()
+    return None if folder is None else folder / f"{part}-{stamp()[:16]}-{sys.version_info[1]}"
 
 
 __all__ = [
     "cache_folder", "callback", "compiled", "compiled_in_place", "compiled_sums", "compiled_within", "is_ready",
-    "set_ready", "stamp",
+    "note_compiling", "set_ready", "stamp",
 ]  # fmt: skip

@@ -4,7 +4,8 @@ In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out:
 print, plot themselves and become data frames.
 
 A stroke gives the ball speed V along its azimuth and the spin 5 c V / (2 R^2) of its contact offset c (Robotic
-Billiards 2015, equations 1a and 1b), with the cue level. Squirt, swerve and hop are effects of the model.
+Billiards 2015, equations 1a and 1b); with the cue inclined by E the sidespin comes with its sine along the azimuth.
+Squirt and hop are effects of the model.
 """
 
 from __future__ import annotations
@@ -19,13 +20,19 @@ from typing import Any, Protocol, overload
 import numpy as np
 
 from models.analytic.cueing import spin_estimate
+from models.compiled import note_compiling, set_ready
+from models.errors import BadInput
+from models.files.faults import closest, listed
 from models.model_file import Model
 from models.sheet import Picture, Presented, Sheet
-from models.shot import Array, Shot, Track
+from models.shot import Array, Ball, Shot, Track
 from models.simulation.simulate import simulate as simulate_shots
 
 MAX_STROKE_S = 40.0  # how long a stroke is played; a ball at 10 m/s rolls some 25 s
 STROKE_PERIOD_S = 1 / 120  # between the samples of a stroke
+MAX_SPEED_M_S = 30.0  # of a ball, beyond any cue's; as in a clip set's commands
+CUE_BALL_NAMES = ("cue", "white")
+PLAYED = "played"  # mark of compiled code that plays shots
 REST_MOTION_M = 1e-6  # from the last place, within which a ball rests
 SPIN_NAMES = ("wx", "wy", "wz")
 
@@ -80,7 +87,7 @@ class SimulatedShot(Presented, Track):
         """The table from above with the balls' ways; rings where they end."""
         from models.palette import ball_colour
         from models.report.axes import circle, draw_table, rgb
-        from models.report.figure import FIGURE_WIDTH_IN, svg
+        from models.report.figure import FIGURE_WIDTH_IN
 
         own = self.model.as_played()
 
@@ -95,7 +102,7 @@ class SimulatedShot(Presented, Track):
                 ax.add_patch(circle(way[-1], own.ball.radius, fc="none", ec=colour, lw=1.4, zorder=7))
             ax.set_title("Filled: where the balls start; rings: where they end")
 
-        return Picture(svg("played shot", FIGURE_WIDTH_IN * (own.table.width + 0.4) / (own.table.length + 0.3), draw))
+        return Picture("played shot", FIGURE_WIDTH_IN * (own.table.width + 0.4) / (own.table.length + 0.3), draw)
 
 
 def stroke_shot(
@@ -104,28 +111,98 @@ def stroke_shot(
     azimuth: float = 0.0,
     side: float = 0.0,
     height: float = 0.0,
+    elevation: float = 0.0,
     balls: Mapping[str, tuple[float, float]] | None = None,
+    struck: str | None = None,
 ) -> Shot:
-    """The shot of one stroke, from a level cue.
+    """The shot of one stroke.
 
     Args:
         model: its table and ball.
         speed: of the ball as it leaves the cue [m/s].
         azimuth: of its direction, counter-clockwise from +x [rad].
         side: of the contact point, to the right as the player sees it [m].
-        height: of the contact point, above the centre [m].
-        balls: places by name [m]; the first is struck. By default a cue ball alone, on the middle of the -x half.
+        height: of the contact point, above the centre as seen along the cue [m].
+        elevation: of the cue [rad]; what is struck beside its middle then swerves.
+        balls: places by name [m]. By default a cue ball alone, on the middle of the -x half.
+        struck: the ball that the cue strikes; by default the one called cue or white, or the only one.
+
+    Raises:
+        BadInput: names what cannot be played.
     """
     table, ball = model.table, model.ball
     balls = balls or {"cue": (-table.length / 4, 0.0)}
-    n = len(balls)
+    first = _struck_of(tuple(balls), struck)
+    _check_stroke(speed, azimuth, side, height, elevation, ball)
+    order = (first, *(name for name in balls if name != first))
+    n = len(order)
     velocity, spin = np.zeros((n, 2)), np.zeros((n, 3))
     cos, sin = math.cos(azimuth), math.sin(azimuth)
-    forward = spin_estimate(height, speed, ball)
+    forward, turned = spin_estimate(height, speed, ball), spin_estimate(side, speed, ball)
+    along = turned * math.sin(elevation)
     velocity[0] = speed * cos, speed * sin
-    spin[0] = -forward * sin, forward * cos, spin_estimate(side, speed, ball)
+    spin[0] = along * cos - forward * sin, along * sin + forward * cos, turned
     times = np.arange(0.0, MAX_STROKE_S, STROKE_PERIOD_S)
-    return Shot(tuple(balls), np.array(list(balls.values()), float), velocity, spin, times)
+    return Shot(order, np.array([balls[name] for name in order], float), velocity, spin, times)
+
+
+def _struck_of(names: tuple[str, ...], struck: str | None) -> str:
+    """The ball to be struck, of those that lie there."""
+    if struck is not None:
+        if struck not in names:
+            meant = closest(struck, names)
+            remedy = f"did you mean {meant!r}?" if meant else f"there are {listed(names)}"
+            raise BadInput(f"struck = {struck!r} is not among the balls: {remedy}")
+        return struck
+    known = [name for name in CUE_BALL_NAMES if name in names]
+    if not known and len(names) > 1:
+        raise BadInput(
+            f"none of the balls {listed(names)} is called cue or white: say which is struck, struck={names[0]!r}"
+        )
+    if not known:
+        raise BadInput(
+            f"balls hold {names[0]!r} alone, which is no cue ball: place the cue ball beside it, such as "
+            f'"cue": (-0.5, 0.0), or strike it itself, struck={names[0]!r}'
+        )
+    return known[0]
+
+
+def _check_stroke(speed: float, azimuth: float, side: float, height: float, elevation: float, ball: Ball) -> None:
+    """BadInput for numbers that no cue gives."""
+    for name, value in (("azimuth", azimuth), ("side", side), ("height", height)):
+        if not math.isfinite(value):
+            raise BadInput(f"{name} is {value}: give a finite number")
+    if not 0.0 <= speed <= MAX_SPEED_M_S:
+        raise BadInput(f"speed is {speed:g} m/s: give 0 to {MAX_SPEED_M_S:g}; a hard break has 13")
+    if not 0.0 <= elevation < math.pi / 2:
+        raise BadInput(f"elevation is {elevation:g} rad: give 0 for a level cue, to less than {math.pi / 2:.4g}")
+    if math.hypot(side, height) > ball.radius:
+        raise BadInput(
+            f"side, height: {math.hypot(side, height):g} m off centre misses the ball (radius {ball.radius:g} m): "
+            "give them in m"
+        )
+
+
+def _check_values(model: Model) -> None:
+    """BadInput for a constant outside its bounds."""
+    for name, value in model.parameters().items():
+        meta = model.meta(name)
+        low, high = meta["bounds"]
+        values = np.atleast_1d(np.asarray(value, float))
+        wrong = values[~(((values >= low) & (values <= high)) | (values == meta["off"]))]
+        if len(wrong):
+            unit = "" if meta["unit"] == "1" else f" {meta['unit']}"
+            raise BadInput(f"{name} is {wrong[0]:g}{unit}: give {low:g} to {high:g}")
+
+
+def _check_speeds(shots: Sequence[Shot]) -> None:
+    """BadInput for a ball that is faster than any can be."""
+    for k, shot in enumerate(shots):
+        speeds = np.hypot(*np.asarray(shot.velocity, float).T) if np.ndim(shot.velocity) == 2 else np.zeros(0)
+        if speeds.size and float(np.nanmax(speeds)) > MAX_SPEED_M_S:
+            raise BadInput(
+                f"shot {k}: a ball has {float(np.nanmax(speeds)):g} m/s: give {MAX_SPEED_M_S:g} at most, in m/s"
+            )
 
 
 @overload
@@ -144,13 +221,19 @@ def simulate(
     Args:
         model: a model, or a result that has one.
         shots: what is played, with the options of `models.simulation.simulate.simulate`; a track for each comes back.
-        options: without shots those of a stroke: speed [m/s], azimuth [rad], side and height of the contact point [m],
-            balls by name [m]. Its one track comes back.
+        options: without shots those of a stroke, see `stroke_shot`: speed [m/s], azimuth [rad], side and height of the
+            contact point [m], elevation of the cue [rad], balls by name [m], struck. Its one track comes back.
+
+    Raises:
+        BadInput: a constant outside its bounds, a speed beyond reason, a ball to strike that is not there.
     """
     own = model_of(model)
-    played = (
-        simulate_shots(own, [stroke_shot(own, **options)]) if shots is None else simulate_shots(own, shots, **options)
-    )
+    _check_values(own)
+    wanted = [stroke_shot(own, **options)] if shots is None else shots
+    _check_speeds(wanted)
+    note_compiling(PLAYED)
+    played = simulate_shots(own, wanted) if shots is None else simulate_shots(own, wanted, **options)
+    set_ready(PLAYED)
     found = [SimulatedShot(**vars(track), model=own) for track in played]
     return until_rest(found[0]) if shots is None else found
 

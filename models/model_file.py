@@ -153,7 +153,7 @@ class Estimate:
     source: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """The table as physics: what `simulate` needs."""
 
@@ -170,6 +170,13 @@ class Model:
         default_factory=dict
     )  # of table and ball, as fitted; what is played, see models/sizes.py
     engine: str = "events"  # what plays it: "events", the compiled event engine, or "mujoco"; not part of a file
+
+    def __repr__(self) -> str:
+        """Table, ball and effects in a line."""
+        t, names = self.table, ", ".join(e.name() for e in self.effects) or "none"
+        pockets = "" if t.pockets else ", no pockets"
+        size = f"{t.length:g} x {t.width:g} m{pockets}, balls of {1e3 * self.ball.diameter:g} mm"
+        return f"<Model of {size}; effects: {names}>"
 
     def stack(self) -> tuple[Effect, ...]:
         """What acts: the native terms, then the effects that are not off, those that react to the others last."""
@@ -227,8 +234,9 @@ class Model:
         sizes = {name: v[index] if np.ndim(v) else v for name, v in self.sizes.items()}
         return dataclasses.replace(self, native=native, effects=chosen, sizes=sizes)
 
-    def add(self, effect: Effect) -> Model:
-        """The model with one more effect; one of the same slot or name gives way."""
+    def add(self, effect: Effect | str) -> Model:
+        """The model with one more effect, or that of a name at its usual values; one of its slot or name gives way."""
+        effect = effect_class(effect)() if isinstance(effect, str) else effect
         kept = [e for e in self.effects if e.name() != effect.name() and (not e.slot or e.slot != effect.slot)]
         return dataclasses.replace(self, effects=(*kept, effect))
 

@@ -5,17 +5,20 @@ In: what a result says of itself (`Sheet`). Out: text, HTML, a data frame of pan
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from html import escape
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from models.console import table
 from models.errors import BadInput, one_line
 
 FRAME_LIBRARIES = ("pandas", "polars")  # in the order in which they are taken
+PNG_DPI = 150
 NO_FRAME_REMEDY = "a data frame needs pandas or Polars, and neither is installed: pip install pandas"
 
 
@@ -43,6 +46,14 @@ class Sheet:
         return f"<p>{words}</p>{grid}"
 
 
+def frame_of(columns: Mapping[str, Sequence[Any]]) -> Any:
+    """Columns as a data frame of pandas, or of Polars where only that is installed; BadInput where neither is."""
+    found = next((name for name in FRAME_LIBRARIES if find_spec(name)), None)
+    if found is None:
+        raise BadInput(NO_FRAME_REMEDY)
+    return import_module(found).DataFrame({name: list(values) for name, values in columns.items()})
+
+
 class Presented:
     """A result that prints as a short table, and becomes a data frame."""
 
@@ -56,10 +67,7 @@ class Presented:
         Raises:
             BadInput: where neither is.
         """
-        found = next((name for name in FRAME_LIBRARIES if find_spec(name)), None)
-        if found is None:
-            raise BadInput(NO_FRAME_REMEDY)
-        return import_module(found).DataFrame({name: list(values) for name, values in self.sheet().columns.items()})
+        return frame_of(self.sheet().columns)
 
     def __str__(self) -> str:
         """The table as text."""
@@ -72,17 +80,30 @@ class Presented:
         return self.sheet().html()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Picture:
-    """A figure as SVG, which a notebook shows."""
+    """A figure, which a notebook shows and which is saved as SVG or PNG."""
 
-    svg: str
+    name: str
+    height: float  # [inch]
+    draw: Callable[[Any], None]  # into a figure of matplotlib
 
-    def save(self, path: Any) -> None:
-        """Write the SVG file, whole or not at all; BadInput where it cannot be written."""
+    @cached_property
+    def svg(self) -> str:
+        """The figure as SVG."""
+        from models.report.figure import svg
+
+        return svg(self.name, self.height, self.draw)
+
+    def save(self, path: Path | str) -> None:
+        """Write the figure, whole or not at all, as SVG or PNG by its name; BadInput where it cannot be written."""
         from models.files import write_whole
+        from models.report.figure import png
 
-        write_whole(path, self.svg.encode())
+        suffix = Path(path).suffix.lower()
+        if suffix not in (".svg", ".png"):
+            raise BadInput(f"{path}: a picture is saved as SVG or PNG; give a name that ends in .svg or .png")
+        write_whole(path, self.svg.encode() if suffix == ".svg" else png(self.height, self.draw, PNG_DPI))
 
     def _repr_svg_(self) -> str:
         """The figure in a notebook, at most as wide as its column."""
@@ -90,4 +111,4 @@ class Picture:
 
     def __repr__(self) -> str:
         """What it is, not its text."""
-        return f"<picture of {len(self.svg)} bytes of SVG>"
+        return f"<picture: {self.name}; .save(file.png) or .save(file.svg)>"

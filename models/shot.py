@@ -102,7 +102,7 @@ SESSION_FIELDS = len(dataclasses.fields(Session))
 UNKNOWN_SESSION = Session()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Shot:
     """The state of every ball at t = 0, and the times at which the track is wanted.
 
@@ -118,6 +118,10 @@ class Shot:
     struck: bool = True  # whether the first ball was struck at t = 0; otherwise it was on its way
     staying: tuple[str, ...] = ()  # balls that are known to be on the table after: no pocket takes them
 
+    def __repr__(self) -> str:
+        """Its balls and times in a line, not its arrays."""
+        return f"<Shot of {', '.join(self.names)}: {len(self.times)} times>"
+
 
 @dataclass(frozen=True)
 class Event:
@@ -130,7 +134,7 @@ class Event:
     place: tuple[float, float] | None = field(default=None, compare=False)  # of a potted ball's centre as it fell [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Track:
     """Where every ball was, when. A potted ball is NaN from then on."""
 
@@ -141,3 +145,7 @@ class Track:
     spin: Array  # (n, nball, 3) [rad/s]
     theta: Array  # (n, nball) [rad], turned about the vertical since t = 0
     events: tuple[Event, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        """Its balls and times in a line, not its arrays."""
+        return f"<Track of {', '.join(self.names)}: {len(self.times)} times, {len(self.events)} events>"

@@ -33,10 +33,9 @@ class ShotPlan(Presented, dict[str, Any]):
 
     def plot(self) -> Picture:
         """The table from above with planned and sampled paths."""
-        from models.report.figure import svg
         from planner.report_figures import table_from_above
 
-        return Picture(svg("plan", *table_from_above(self)))
+        return Picture("plan", *table_from_above(self))
 
     def report(self, path: Path | str, title: str = "A planned shot") -> None:
         """Write the plan as one HTML file; BadInput where it cannot be written."""

@@ -2,7 +2,7 @@
 
     import sysid
 
-    clips = sysid.read_clips("clips")
+    clips = sysid.read_clips("clips")   # or sysid.import_tracks(files, table), sysid.track(video, camera)
     comparison = sysid.compare(clips)   # the base model as it is, or compare(clips, model)
     fitted = sysid.fit(clips)           # .model, .constants, .converged, .save("model.toml")
     diagnosis = sysid.diagnose(clips)   # .verdict, .ranking, .unexplained, .next_shot
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from sysid.clips import read_clip_set as read_clips
     from sysid.clips import write_clip_set as write_clips
     from sysid.interface import compare, diagnose, discover, export, fit
+    from sysid.sources import import_tracks, track
 
 __all__ = [
-    "Clip", "ClipSet", "check_clips", "compare", "diagnose", "discover", "export", "fit", "read_clips", "write_clips",
+    "Clip", "ClipSet", "check_clips", "compare", "diagnose", "discover", "export", "fit", "import_tracks", "read_clips",
+    "track", "write_clips",
 ]  # fmt: skip
 __getattr__, __dir__ = lazy(
     __name__,
@@ -39,7 +41,9 @@ __getattr__, __dir__ = lazy(
         "discover": "sysid.interface:discover",
         "export": "sysid.interface:export",
         "fit": "sysid.interface:fit",
+        "import_tracks": "sysid.sources:import_tracks",
         "read_clips": "sysid.clips:read_clip_set",
+        "track": "sysid.sources:track",
         "write_clips": "sysid.clips:write_clip_set",
     },
 )

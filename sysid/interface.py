@@ -15,19 +15,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
+from models.compiled import note_compiling
 from models.console import Progress
+from models.errors import BadInput
 from models.files import made_folder
+from models.files.faults import listed
 from models.interface import HasModel, model_of
 from models.mjcf.export import places_of
 from models.model_file import Model, full_model, write_model
 from models.report.numbers import millimetres, number
-from models.sheet import Presented, Sheet
+from models.sheet import Picture, Presented, Sheet, frame_of
 from sysid.clips import ClipSet
+from sysid.clips.choose import chosen_clip
 from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.mjcf.table import PlainTable, plain_table
 from sysid.report.findings import labelled_models, round_rows, shot_lines, verdict_lines
 from sysid.report.html import write_report
 from sysid.report.outcome import compared_ends, compared_with_formula, write_discovery, write_outcome
+from sysid.report.plot import shot_figure
 from sysid.report.text import in_words, summary_lines, worst_rows
 from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare as compare_clips
@@ -62,6 +67,30 @@ class ComparedClips(Presented, Comparison):
         """Write the report, one HTML file; BadInput where it cannot be written."""
         title = f"Model against {len(self.clips)} clips"
         write_report(path, title, [(label, self)], notes=in_words(self))
+
+    def sample_frame(self) -> Any:
+        """A data frame with a row for every sample: where it was measured, and by how much the model misses it [m]."""
+        s = self.samples
+        columns: dict[str, Any] = {"clip": [self.clips[int(k)].file for k in s.clip], "ball": s.ball, "time": s.time}
+        columns |= {"x": s.xy[:, 0], "y": s.xy[:, 1], "miss_x": s.residual[:, 0], "miss_y": s.residual[:, 1]}
+        columns |= {"speed": s.speed, "motion": s.motion, "last_event": s.last, "events": s.events}
+        return frame_of(columns)
+
+    def plot(self, clip: int | str | None = None) -> Picture:
+        """One shot from above with the model's tracks, speeds, and misses over time.
+
+        Args:
+            clip: its file, or its number from 1; by default the shot that the model misses most.
+        """
+        file = max(self.clips, key=lambda row: row.rms_m).file
+        if clip is not None:
+            file = chosen_clip(self.clip_set, str(clip), self.clip_set.folder).file
+        files = [shot.file for shot in self.shots]
+        if file not in files:
+            raise BadInput(f"{file}: was not compared; choose one of {listed(files)}")
+        k = files.index(file)
+        drawn = shot_figure(self.shots[k], self.clip_set.table, self.clip_set.ball, [("model", self.tracks[k])])
+        return Picture(f"shot {file}", *drawn)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -229,5 +258,6 @@ def export(
 
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:
-    """The model that was given, or the base for this table."""
+    """The model that was given, or the base for this table; says that code is compiled first where it must be."""
+    note_compiling()
     return full_model(clips.table, clips.ball) if model is None else model_of(model)

@@ -6,11 +6,10 @@ Compiled code is kept beside its sources (models/compiled.py), so that later sta
 from __future__ import annotations
 
 import dataclasses
-import sys
 
 import numpy as np
 
-from models.compiled import is_ready, set_ready
+from models.compiled import is_ready, note_compiling, set_ready
 from models.engine.play import finish
 from models.hooks import COMPILED_HOOKS, address
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
@@ -23,7 +22,6 @@ from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.least_squares import fit_each
 
-COMPILING_NOTE = "compiling the engine, once on this machine: about a minute"
 NOISE_SD_M = 5e-4  # of the clip that is fitted
 
 
@@ -31,7 +29,7 @@ def prepare() -> None:
     """Compile what is not compiled yet, after a line that says so."""
     if is_ready():
         return
-    print(COMPILING_NOTE, file=sys.stderr, flush=True)
+    note_compiling()
     for kind in catalogue().values():
         for hook in COMPILED_HOOKS:
             if kind.opens(hook):

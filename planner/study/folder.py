@@ -38,7 +38,7 @@ def describe(study: Study) -> dict[str, Any]:
     return {
         "format": STUDY_FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
         "execution": asdict(study.execution), "wish": asdict(study.weights), "effort": asdict(study.effort),
-        "model": hashlib.sha256(repr(study.model).encode()).hexdigest()[:16], "sources": fingerprint(),
+        "model": hashlib.sha256(repr(vars(study.model)).encode()).hexdigest()[:16], "sources": fingerprint(),
     }  # fmt: skip
 
 

@@ -8,18 +8,25 @@ import click
 
 from models.command_line import FILE_PATH, effects_option, out_option
 from models.console import Progress, Status
+from models.errors import BadInput
 
 
 @click.command()
 @click.argument("model", metavar="MODEL", type=FILE_PATH)
-@out_option("T.xml", "Where the MJCF goes.")
+@out_option("T.xml", "Where the MJCF, or the system, goes.")
+@click.option(
+    "--to", "target", type=click.Choice(["mjcf", "pooltool"]), default="mjcf", show_default=True,
+    help="For MuJoCo, or for pooltool 0.6: a system, JSON or MessagePack, and its laws beside it.",
+)  # fmt: skip
 @click.option("--balls", metavar="A,B,...", help="Names, which give the colours; by default a frame of snooker.")
 @click.option("--launcher", is_flag=True, help="Add the cue launcher behind the first ball.")
 @click.option("--bare", is_flag=True, help="Leave out what is only seen.")
 @effects_option()
 @click.pass_obj
-def export(progress: Progress, model: Path, out: Path, balls: str | None, launcher: bool, bare: bool) -> int:
-    """Export a fitted table as plain MJCF, for any MuJoCo.
+def export(
+    progress: Progress, model: Path, out: Path, target: str, balls: str | None, launcher: bool, bare: bool
+) -> int:  # fmt: skip
+    """Export a fitted table for other programs: as plain MJCF for any MuJoCo, or as a system of pooltool's.
 
     MODEL is a model file. What is written needs no other file and no code of ours: sizes, masses, noses, pockets and
     slope of the model, and MuJoCo's own contact terms, fitted to it (some minutes). What that leaves out is printed, in
@@ -32,6 +39,16 @@ def export(progress: Progress, model: Path, out: Path, balls: str | None, launch
     from sysid.mjcf.table import plain_table
 
     fitted = read_model(model).as_played()
+    if target == "pooltool":
+        from sysid.pooltool.export import export_pooltool
+
+        if launcher or bare:
+            raise BadInput(f"--{'launcher' if launcher else 'bare'} is for MJCF; leave it out beside --to pooltool")
+        places = None if balls is None else places_of(fitted, balls.split(","))
+        told = export_pooltool(fitted, out, places)
+        progress.close()
+        print("\n".join(told))
+        return Status.DONE
     places = places_of(fitted, None if balls is None else balls.split(","))
     table = plain_table(fitted, places, launcher=launcher, bare=bare, origin=model.name)
     progress.close()

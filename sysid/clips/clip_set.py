@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from models.files.decode import Allowed
 from models.files.texts import picked
+from models.sheet import frame_of
 from models.shot import UNKNOWN_SESSION, Array, Ball, Session, Table
 
 
@@ -27,7 +28,7 @@ class CueCommand:
     elevation: Annotated[float, Allowed(-math.pi / 2, math.pi / 2, "rad")] = 0.0  # of the cue
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Observation:
     """The track of one ball."""
 
@@ -36,13 +37,17 @@ class Observation:
     theta: Array  # (n,) [rad], turned angle of the mark about the vertical, unwrapped; NaN where unseen
     extra: Mapping[str, Sequence[str]] = field(default_factory=dict)  # n cells of each column that is not known here
 
+    def __repr__(self) -> str:
+        """Its extent in a line, not its arrays."""
+        return f"<Observation: {len(self.time)} samples>"
+
     def at(self, rows: NDArray[np.int64]) -> Observation:
         """Some of its samples."""
         extra = {key: picked(cells, rows) for key, cells in self.extra.items()}
         return Observation(self.time[rows], self.xy[rows], self.theta[rows], extra)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Clip:
     """One tracked shot."""
 
@@ -56,6 +61,11 @@ class Clip:
     running: tuple[str, ...] = ()  # balls in motion at its beginning, where that is no strike; the first is `struck`
     origin: float = 0.0  # stamp of the camera's clock at the clip's time 0 [s]
 
+    def __repr__(self) -> str:
+        """Its balls in a line, not their samples."""
+        begins = f"{self.struck} struck" if not self.running else f"{', '.join(self.running)} running"
+        return f"<Clip {self.file}: {', '.join(self.balls)}; {begins}>"
+
     @property
     def first(self) -> tuple[str, ...]:
         """The balls that move first: those that run when it begins, or the struck one."""
@@ -67,7 +77,7 @@ class Clip:
         return (*self.first, *[name for name in self.balls if name not in self.first])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClipSet:
     """A folder of tracked shots on one table with one camera."""
 
@@ -78,3 +88,26 @@ class ClipSet:
     sigma: float | None = None  # position noise, one standard deviation per axis [m]; None when unknown
     folder: Path = field(default=Path("."))
     extra: Mapping[str, Any] = field(default_factory=dict)  # keys of clips.toml that are not known here
+
+    def __repr__(self) -> str:
+        """Table and clips in a line."""
+        size = f"{self.table.length:g} x {self.table.width:g} m"
+        return f"<ClipSet {self.folder}: {len(self.clips)} clips at {self.fps:g} frames/s, table of {size}>"
+
+    def frame(self) -> Any:
+        """A data frame with a row for every sample of every ball: clip, ball, time [s], x, y [m], theta [rad]."""
+        rows = [(clip.file, name, seen) for clip in self.clips for name, seen in clip.balls.items()]
+        columns: dict[str, list[Any]] = {"clip": [], "ball": [], "time": [], "x": [], "y": [], "theta": []}
+        for file, name, seen in rows:
+            n = len(seen.time)
+            values: tuple[Sequence[Any] | Array, ...] = (
+                [file] * n,
+                [name] * n,
+                seen.time,
+                seen.xy[:, 0],
+                seen.xy[:, 1],
+                seen.theta,
+            )
+            for column, more in zip(columns.values(), values, strict=True):
+                column.extend(more)
+        return frame_of(columns)

@@ -90,7 +90,7 @@ def _ends_with_impacts(model: Model, shots: Sequence[Shot], kind: str, terms: Fi
     now, left = list(shots), np.array([shot.times[-1] for shot in shots])
     span = np.array([0.0, LEAD_TIME_S + SETTLING_TIME_S["native"]])
     while going.size:
-        tracks = simulate(model, [_until(now[k], left[k]) for k in going])
+        tracks = simulate(model, [_until(now[int(k)], left[k]) for k in going])
         first = [next((e.time for e in t.events if e.kind == kind), np.inf) for t in tracks]
         before = np.maximum(np.array(first) - LEAD_TIME_S, 0.0)
         over = before + span[1] > left[going]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from models.palette import ball_colour, ink
 from models.report.axes import circle, draw_table, rgb
-from models.report.figure import FIGURE_WIDTH_IN, PATH_COLOUR, png
+from models.report.figure import FIGURE_WIDTH_IN, PATH_COLOUR, Draw, png
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet
 
@@ -50,6 +50,11 @@ def tracks_png(clip_set: ClipSet, title: str) -> bytes:
 
 def shot_png(clip: Clip, table: Table, ball: Ball, models: Sequence[tuple[str, Track]] = ()) -> bytes:
     """One shot from above, its balls' speeds over time, and by how much each model misses them."""
+    return png(*shot_figure(clip, table, ball, models), DPI)
+
+
+def shot_figure(clip: Clip, table: Table, ball: Ball, models: Sequence[tuple[str, Track]] = ()) -> tuple[float, Draw]:
+    """Height [inch] of the same as a figure, and what draws it."""
     moving = [name for name, seen in clip.balls.items() if np.ptp(seen.xy, axis=0).max() > MOVED_M]
 
     def draw(figure: Any) -> None:
@@ -77,7 +82,7 @@ def shot_png(clip: Clip, table: Table, ball: Ball, models: Sequence[tuple[str, T
             ax.set_ylim(bottom=0)
             ax.grid(visible=True)
 
-    return png(3.4 + FIGURE_WIDTH_IN * (table.width + 0.3) / (table.length + 0.3), draw, DPI)
+    return 3.4 + FIGURE_WIDTH_IN * (table.width + 0.3) / (table.length + 0.3), draw
 
 
 def _from_above(ax: Any, clip: Clip, table: Table, ball: Ball, models: Sequence[tuple[str, Track]]) -> None:

@@ -17,6 +17,7 @@ import click
 import pytest
 
 import sysid
+from tests.architecture.reference import PAGES as WRITTEN_PAGES
 from tests.architecture.site import OUTSIDE_PAGES, OUTSIDE_PICTURES
 from tests.architecture.source import ROOT
 
@@ -233,3 +234,8 @@ def test_the_python_of_the_pages_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert names["made"]["stroke"] is not None
     diagnosis = sysid.diagnose(names["clips"])
     assert diagnosis.verdict == diagnosis.ranking[0][0] == "table_tilt"
+
+
+@pytest.mark.parametrize("page", WRITTEN_PAGES)
+def test_reference_and_catalogue_are_those_of_the_docstrings(page: str) -> None:
+    assert (ROOT / page).read_text(encoding="utf-8") == WRITTEN_PAGES[page](), "python -m tests.architecture.reference"

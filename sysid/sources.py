@@ -1,0 +1,103 @@
+"""Clip sets from elsewhere, as functions: `sysid.import_tracks` and `sysid.track`, what the commands of these names do.
+
+In: files of another program, or a film and its camera file. Out: a `ClipSet`, in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from models.errors import BadInput
+from models.presets import TableSet, find_table, usual_mass
+from models.shot import Ball
+from sysid.clips import ClipSet
+from sysid.foreign.convert import ShotFile, Stated, import_files
+from sysid.foreign.pixels import Pixels
+
+PathLike = Path | str
+
+
+def import_tracks(
+    files: PathLike | Sequence[PathLike], table: str | None = None, diameter: float | None = None,
+    camera: PathLike | None = None, *, mass: float | None = None, unit: str | None = None, origin: str | None = None,
+    x_along: str | None = None, y: str | None = None, **stated: Any,
+) -> ClipSet:  # fmt: skip
+    """Tracks of another program as a clip set; what is not stated is looked for in them, as `sysid import` does.
+
+    Args:
+        files: CSV, JSON or Parquet, a shot each or with a column for the shot.
+        table: by name, such as "pool 9 ft", or by size, such as "1.881x0.943" [m]; a camera file knows its own.
+        diameter: of the balls [m]; a named table and a camera file know it.
+        camera: file of the camera, where coordinates are pixels.
+        mass: of a ball [kg]; by default a usual one's of this size.
+        unit: m, cm, mm, in or ft.
+        origin: "centre" or "corner".
+        x_along: side that x runs along, "length" or "width".
+        y: "up", or "down" as in pictures.
+        stated: others of `Stated`: time, fps, struck, running, columns, turned.
+
+    Raises:
+        BadInput: what is wrong with a file, or the argument that settles a doubt.
+    """
+    paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+    pixels = None
+    if camera is not None:
+        from sysid.vision.camera.projection import ball_of, read_camera
+
+        seen = read_camera(camera)
+        pixels = Pixels(seen.centres, seen.size[1])
+        known = TableSet(seen.table, ball_of(seen, mass or usual_mass(seen.diameter)[0]))
+    else:
+        known = _sizes(table, diameter, mass)
+    for name, value, allowed in (
+        ("origin", origin, ("centre", "corner")), ("x_along", x_along, ("length", "width")), ("y", y, ("up", "down")),
+    ):  # fmt: skip
+        if value is not None and value not in allowed:
+            raise BadInput(f"{name} = {value!r}: give {' or '.join(map(repr, allowed))}")
+    told = Stated(
+        unit, None if origin is None else origin == "corner", None if x_along is None else x_along == "width",
+        None if y is None else y == "down", **stated,
+    )  # fmt: skip
+    shots = [ShotFile(f"clips/{path.stem}.csv") for path in paths]
+    return import_files(paths, shots, known.table, known.ball, told, pixels).clip_set
+
+
+def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:
+    """Table and balls by name, or by size."""
+    if table is None:
+        raise BadInput('table is missing: give a name, such as "pool 8 ft", or a size, such as "3.569x1.778"')
+    found = find_table(table)
+    if isinstance(found, TableSet) and diameter is None and mass is None:
+        return found
+    if isinstance(found, TableSet):
+        size = diameter or found.ball.diameter
+        return TableSet(found.table, Ball(size, mass or usual_mass(size)[0]))
+    if diameter is None:
+        raise BadInput(f"table = {table!r}: a size says nothing of the balls; give diameter, such as 0.0525")
+    return TableSet(found, Ball(diameter, mass or usual_mass(diameter)[0]))
+
+
+def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: float | None = None) -> ClipSet:
+    """The shots of a film as a clip set, as `sysid track` finds them.
+
+    Args:
+        video: a film, a folder of pictures, or a pattern of their names.
+        camera: its camera file, of `sysid calibrate`.
+        fps: frames taken in a second, where the film does not say so [1/s].
+        mass: of a ball [kg]; by default a usual one's of this size.
+
+    Raises:
+        BadInput: what is wrong with the film, or that no shot is seen in it.
+    """
+    from sysid.vision.balls.palette import palette_for
+    from sysid.vision.camera.projection import read_camera
+    from sysid.vision.film import Taken, track_film
+
+    seen = read_camera(camera)
+    taken = Taken(seen, str(camera), palette_for(None, seen.table, seen.diameter), fps, None, mass)
+    found = track_film(str(video), taken, lambda line: None)
+    if found.clips is None:
+        raise BadInput(f"{video}: no shot is seen in it: film one from before the strike until the balls rest")
+    return found.clips
