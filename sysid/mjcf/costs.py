@@ -95,7 +95,7 @@ def _ends_with_impacts(model: Model, shots: Sequence[Shot], kind: str, terms: Fi
         before = np.maximum(np.array(first) - LEAD_TIME_S, 0.0)
         over = before + span[1] > left[going]
         for k, track, done in zip(going, tracks, over, strict=True):
-            if done and left[k] < shots[k].times[-1]:
+            if done and left[int(k)] < shots[int(k)].times[-1]:
                 ends[k] = track.position[-1, 0]
         going, before = going[~over], before[~over]
         if going.size:

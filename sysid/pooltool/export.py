@@ -13,11 +13,12 @@ what was lost and what that costs.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from models.errors import BadInput
 from models.model_file import Model
@@ -33,7 +34,7 @@ CUE_SPEED, CUE_MASS, CUE_LENGTH, TIP_RADIUS = 2.0, 0.567, 1.4732, 0.0106045  # o
 TIP_SHAFT_RADIUS, BUTT_RADIUS = 0.0065, 0.02  # of its shaft, which is only drawn [m]
 
 
-def export_pooltool(model: Model, out: Path | str, places: Mapping[str, Sequence[float]] | None = None) -> list[str]:
+def export_pooltool(model: Model, out: Path | str, places: Mapping[str, ArrayLike] | None = None) -> list[str]:
     """Write a model as a system of pooltool's, and beside it its laws.
 
     Args:
