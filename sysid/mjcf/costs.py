@@ -87,15 +87,16 @@ def costs_of(model: Model, terms: FittedTerms) -> tuple[Cost, ...]:
 def _ends_with_impacts(model: Model, shots: Sequence[Shot], kind: str, terms: FittedTerms) -> Array:
     """Where struck balls end if the file plays every impact of a kind, the model the rest: (n, 2) [m]; nan without."""
     ends, going = np.full((len(shots), 2), np.nan), np.arange(len(shots))
-    now, left = list(shots), np.array([shot.times[-1] for shot in shots])
+    now, whole = list(shots), np.array([shot.times[-1] for shot in shots])
+    left = whole.copy()
     span = np.array([0.0, LEAD_TIME_S + SETTLING_TIME_S["native"]])
     while going.size:
-        tracks = simulate(model, [_until(now[int(k)], left[k]) for k in going])
+        tracks = simulate(model, [_until(now[k], left[k]) for k in going])
         first = [next((e.time for e in t.events if e.kind == kind), np.inf) for t in tracks]
         before = np.maximum(np.array(first) - LEAD_TIME_S, 0.0)
         over = before + span[1] > left[going]
         for k, track, done in zip(going, tracks, over, strict=True):
-            if done and left[int(k)] < shots[int(k)].times[-1]:
+            if done and left[k] < whole[k]:
                 ends[k] = track.position[-1, 0]
         going, before = going[~over], before[~over]
         if going.size:
