@@ -55,12 +55,19 @@ def write_document(data: Mapping[str, Any], path: Path) -> None:
     """Write plain values as .json or .msgpack, by the name's end, whole or not at all."""
     suffix = path.suffix.lower()
     if suffix == MESSAGEPACK_SUFFIX:
-        content: bytes = _library(path).packb(data)
+        content: bytes = _library(path).packb(_without_histories(data))
     elif suffix == ".json":
         content = (json.dumps(data, indent=2) + "\n").encode()
     else:
         raise BadInput(f"{path}: pooltool reads .json and .msgpack: end the name so")
     write_whole(path, content, parents=True)
+
+
+def _without_histories(value: Any) -> Any:
+    """Plain values with none in place of empty histories, as pooltool packs them."""
+    if value == {"states": []}:
+        return None
+    return {key: _without_histories(v) for key, v in value.items()} if isinstance(value, Mapping) else value
 
 
 def _json(path: Path) -> Any:
