@@ -18,6 +18,7 @@ from typing import Any
 
 from models.errors import BadInput
 from models.files.decode import Place
+from models.files.faults import MAX_NAME_CHARS, shown
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.pocket_shape import INCH_M, POCKET_SETS
 from models.shot import Ball, Table
@@ -91,9 +92,10 @@ def named_table(entries: Mapping[str, Any], place: Place) -> Mapping[str, Any]:
         return entries
     found: TableSet | Table = TABLE_SETS["snooker"]
     try:
-        found = find_table(name)
+        found = find_table(name[:MAX_NAME_CHARS])
     except BadInput as problem:
-        place.fault(f'table = "{name}": {str(problem).removeprefix(f"{name}: ")}, or write [table]', "table")
+        why = str(problem).removeprefix(f"{name[:MAX_NAME_CHARS]}: ")
+        place.fault(f"table = {shown(name)}: {why}, or write [table]", "table")
     if isinstance(found, Table):
         return {**entries, "table": asdict(found)}
     ball = entries.get("ball", {})

@@ -63,20 +63,18 @@ def jump_of(effect: Effect, table: Table, ball: Ball) -> Jump | None:
             function(own.ctypes.data, row.ctypes.data)
         return np.asarray(rows[:, ACTS])
 
-    rng, worst = np.random.default_rng(SEED), None
+    rng, found = np.random.default_rng(SEED), list[Jump]()
     for _ in range(WAYS):
         begin, end = _way(rng, table, ball)
-        found = _largest(begin, end, acting)
-        if found is not None and (worst is None or found.size > worst.size):
-            worst = found
-    return worst
+        jump = _jump_between(begin, end, acting)
+        found += [] if jump is None else [jump]
+    return min(found, key=lambda jump: (FIELDS.index(jump.field), -jump.size), default=None)
 
 
-def _largest(begin: Array, end: Array, acting: Callable[[Array], Array]) -> Jump | None:
-    """The largest jump between two states."""
+def _jump_between(begin: Array, end: Array, acting: Callable[[Array], Array]) -> Jump | None:
+    """A jump between two states, of the first field that has one: a push comes before the torque that goes with it."""
     values = acting(begin + np.linspace(0.0, 1.0, POINTS)[:, None] * (end - begin))
     change = np.abs(np.diff(values, axis=0))
-    worst = None
     for k in np.flatnonzero(change.max(axis=0) > 0).tolist():
         first = int(change[:, k].argmax())
         low, high = first / (POINTS - 1), (first + 1) / (POINTS - 1)
@@ -85,10 +83,10 @@ def _largest(begin: Array, end: Array, acting: Callable[[Array], Array]) -> Jump
             middle = (low + high) / 2
             m = acting((begin + middle * (end - begin))[None])[0, k]
             low, high, a, b = (low, middle, a, m) if abs(m - a) >= abs(b - m) else (middle, high, m, b)
-        if abs(b - a) > LASTING * change[first, k] and (worst is None or abs(b - a) > worst.size):
+        if abs(b - a) > LASTING * change[first, k]:
             state = BallState(*(begin + high * (end - begin)).tolist())
-            worst = Jump(FIELDS[ACTS[k]], float(abs(b - a)), state)
-    return worst
+            return Jump(FIELDS[ACTS[k]], float(abs(b - a)), state)
+    return None
 
 
 def _way(rng: np.random.Generator, table: Table, ball: Ball) -> tuple[Array, Array]:

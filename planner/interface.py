@@ -14,6 +14,7 @@ from models.sheet import Picture, Presented, Sheet
 from planner.planning import make_plan
 from planner.scene import Scene
 from planner.words import STROKE_HEADS, plan_lines, stroke_rows
+from sysid.prepare import prepare
 
 STROKE_COLUMNS = ("speed", "azimuth", "side", "height")  # of the data frame [m/s, rad, m, m]
 
@@ -52,4 +53,5 @@ def plan(scene: Scene, model: Model | HasModel, **options: Any) -> ShotPlan:
         model: fitted to the same table and ball, or a result that has such a model.
         options: those of `planner.planning.make_plan`: execution, weights, method, seed, launcher, effort, threads.
     """
+    prepare()
     return ShotPlan(make_plan(scene, model_of(model), **options))

@@ -15,7 +15,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from models.compiled import note_compiling
 from models.console import Progress
 from models.errors import BadInput
 from models.files import made_folder
@@ -29,6 +28,7 @@ from sysid.clips import ClipSet
 from sysid.clips.choose import chosen_clip
 from sysid.estimation.clip_fit import ClipFit, fit_clips
 from sysid.mjcf.table import PlainTable, plain_table
+from sysid.prepare import prepare
 from sysid.report.findings import labelled_models, round_rows, shot_lines, verdict_lines
 from sysid.report.html import write_report
 from sysid.report.outcome import compared_ends, compared_with_formula, write_discovery, write_outcome
@@ -258,6 +258,6 @@ def export(
 
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:
-    """The model that was given, or the base for this table; says that code is compiled first where it must be."""
-    note_compiling()
+    """The model that was given, or the base for this table; compiles first what must be, and says so."""
+    prepare()
     return full_model(clips.table, clips.ball) if model is None else model_of(model)
