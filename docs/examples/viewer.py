@@ -2,20 +2,16 @@
 
 import time
 
-import mujoco
 import mujoco.viewer
 
 from models import World, full_model
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.recording.viewer import display_missing
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"), furnished=True, marked=True)
 data = world.place({"white": (-0.8, 0.0), "red": (0.2, 0.02)})
 world.strike(data, velocity=(2.0, 0.0))
-try:
-    viewer = mujoco.viewer.launch_passive(world.mj_model, data)
-except (ImportError, RuntimeError) as error:
-    viewer = None
-    print("no window:", error)
+viewer = None if display_missing() else mujoco.viewer.launch_passive(world.mj_model, data)
 while not world.rests(data) and (viewer is None or viewer.is_running()):
     began = time.monotonic()
     world.advance(data, data.time + 1 / 60)

@@ -32,7 +32,8 @@ def test_an_example_runs(name: str, capsys: pytest.CaptureFixture[str], monkeypa
     if name == "gymnasium_env":
         pytest.importorskip("shimmy", reason="needs the extra gym: pip install -e '.[gym]'")
     monkeypatch.chdir(EXAMPLES.parents[1])
-    monkeypatch.delenv("DISPLAY", raising=False)  # no window opens
+    for name_of_display in ("DISPLAY", "WAYLAND_DISPLAY"):  # no window opens
+        monkeypatch.delenv(name_of_display, raising=False)
     runpy.run_path(str(EXAMPLES / f"{name}.py"))
     assert re.search(SAYS[name], capsys.readouterr().out)
 
