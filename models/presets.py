@@ -18,7 +18,8 @@ from typing import Any
 
 from models.errors import BadInput
 from models.files.decode import Place
-from models.files.faults import MAX_NAME_CHARS, shown
+from models.files.faults import shown
+from models.files.limits import MAX_NAME_CHARS
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.pocket_shape import INCH_M, POCKET_SETS
 from models.shot import Ball, Table
