@@ -105,15 +105,15 @@ def mujoco(file: Path) -> Figures:
         out[f"cloth_{model}"] = f"{short(errors[model, f'{cloth}: position, worst'])} mm"
         out[f"sidespin_{model}"] = f"{short(errors[model, f'{cloth}: sidespin, worst'])} %"
         out[f"roughness_{model}"] = f"{short(1e-3 * errors[model, 'roughness of end points over friction'])} mm"
-        strokes = "cueing, 455 strokes, native on the slate, effects afloat"
-        speed, spin, squirt = (
-            short(errors[model, f"{strokes}: {what}, rms"]) for what in ("ball speed", "R omega over speed", "squirt")
-        )
-        out[f"launcher_{model}"] = f"{speed} %, {spin} %, {squirt}°"
         for name, case in (("balls", "ball-ball"), ("cushion", "cushion")):
             for what, key in (("velocity", "velocity"), ("spin", "R omega")):
                 both = [short(errors[model, f"{case}, 500 random: {key}, {kind}"]) for kind in ("median", "worst")]
                 out[f"{name}_{what}_{model}"] = f"{' / '.join(both)} %"
+    tip = [
+        errors["effects", f"launcher's tip, 455 strokes: {w}, rms"]
+        for w in ("ball speed", "R omega over speed", "squirt")
+    ]
+    out["launcher_effects"] = "{} %, {} %, {}°".format(*map(short, tip))
     for model in ("native", "effects", "analytic"):
         for year, count in (("2010", 19), ("2009", 8)):
             parts = [f"rebounds of Mathavan {year}, {count}, {part}" for part in ("below 2.5 m/s", "all")]
