@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.model_file import Model, effect_class, full_model
+from models.model_file import Model, effect_class, full_model, write_model
 from models.presets import TABLE_SETS
 from models.shot import GRAVITY, Ball, Table
+from sysid.cli.verbs import main
 from sysid.pooltool.document import read_systems
 from sysid.pooltool.export import export_pooltool, nearest_laws
 from sysid.pooltool.laws import laws_of, with_effect
 from tests.bench.pooltool_judge import Judge, apart, judge_python
+from tests.sysid.cli.test_cli import Said
 
 POOL = TABLE_SETS["pool 7 ft"]
 MODEL = full_model(POOL.table, POOL.ball)
@@ -36,6 +38,20 @@ def test_a_model_s_constants_are_pooltool_s(tmp_path: Path) -> None:
     assert laws["ball_linear_cushion"]["model"] == laws["ball_circular_cushion"]["model"] == "mathavan_2010"
     assert "lost: nothing, with the laws file" in lines
     assert any("pooltool's own cushions" in line and "mm where balls stop" in line for line in lines)
+
+
+def test_the_verb_writes_both_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def run(*words: str) -> Said:
+        return Said(main(list(words)), *capsys.readouterr())
+
+    write_model(MODEL, tmp_path / "model.toml")
+    words = ["export", str(tmp_path / "model.toml"), "--to", "pooltool", "--balls", "white,red"]
+    said = run(*words, "--out", str(tmp_path / "system.json"))
+    assert said.status == 0 and "lost: nothing" in said.out, said
+    (system,) = read_systems(tmp_path / "system.json")
+    assert set(system["balls"]) == {"white", "red"} and (tmp_path / "system.laws.json").exists()
+    said = run(*words, "--launcher", "--out", str(tmp_path / "other.json"))
+    assert said.status == 2 and "--launcher is for MJCF" in said.err and not (tmp_path / "other.json").exists()
 
 
 def test_messagepack_says_the_same(tmp_path: Path) -> None:
