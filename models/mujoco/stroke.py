@@ -16,6 +16,11 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+from models.mjcf.gl import choose_backend
+
+if __name__ == "__main__":
+    choose_backend(render="--picture" in " ".join(sys.argv))  # before MuJoCo is imported
+
 import click
 import mujoco
 import numpy as np
