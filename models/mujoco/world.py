@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from models import record as rec
 from models.analytic.spring import NOSE_RADIUS
+from models.compiled import callback
 from models.engine.impacts import ask_rows, strike_rows
 from models.engine.play import lay_out
 from models.errors import BadInput
@@ -56,12 +57,22 @@ BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, ha
 _kept: dict[int, Any] = {}  # what compiled code points to, by address: models may outlive their World
 
 
+def _act(model, data, where, table_at):  # type: ignore[no-untyped-def]
+    act(model, data, where, table_at)
+
+
 @cache
 def _install() -> None:
-    """Make the callback and hand it to MuJoCo, once."""
+    """Make the callback and hand it to MuJoCo, once.
+
+    What it does is compiled by itself and kept on disk; only the few lines that know addresses of this process are
+    compiled anew.
+    """
     offsets = layout.offsets()
-    where, numeric, process, go = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), PROCESS, act
+    where, numeric, process = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), PROCESS
     doubles, longs = mem.doubles, mem.longs
+    kept = callback(_act, types.void(*[types.int64] * 4))
+    go = ctypes.CFUNCTYPE(None, *[ctypes.c_longlong] * 4)(kept.address)
 
     @numba.cfunc(types.void(types.int64, types.int64))
     def passive(model, data):  # type: ignore[no-untyped-def]
@@ -69,7 +80,7 @@ def _install() -> None:
         if field != 0 and doubles(field)[0] == process:
             go(model, data, where, longs(field)[1])
 
-    _kept[where], _kept[passive.address] = offsets, passive
+    _kept[where], _kept[passive.address] = offsets, (passive, kept)
     mujoco.set_mjcb_passive(ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address))
 
 
