@@ -6,8 +6,6 @@ import functools
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from threadpoolctl import threadpool_limits
-
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
@@ -17,6 +15,8 @@ def on_one_blas_thread(function: Callable[P, Result]) -> Callable[P, Result]:
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> Result:
+        from threadpoolctl import threadpool_limits  # it sets a variable of the environment as it is imported
+
         with threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
