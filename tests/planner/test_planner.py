@@ -265,7 +265,7 @@ def test_a_shot_that_is_given_up_is_no_pot_and_no_foul(monkeypatch: pytest.Monke
 
 def test_a_model_of_another_table_is_refused() -> None:
     line = refusal(lambda: ready(straight(), full_model(Table(3.5, 1.75), BALL)))
-    assert "3.569 x 1.778 m" in line and "3.5 x 1.75 m" in line
+    assert "differ in table.length (3.569 and 3.5) and table.width (1.778 and 1.75)" in line
     bare = dataclasses.replace(MODEL, effects=MODEL.effects[:2])
     assert "it has no effect for cushion; fit one" in refusal(lambda: ready(straight(), bare))
 

@@ -199,7 +199,7 @@ def test_bad_files_of_plan(run: Any, asked: Path, model: Path, tmp_path: Path) -
     assert "unknown key 'speed': did you mean 'speed_sd'?" in line("--execution", tmp_path / "e.toml")
     write_model(full_model(Table(2.54, 1.27), Ball(0.05715, 0.17)), tmp_path / "pool.toml")
     text = line("--model", tmp_path / "pool.toml")
-    assert "3.569 x 1.778 m" in text and "2.54 x 1.27 m" in text
+    assert "the scene and the model differ in table.length (3.569 and 2.54) and table.width (1.778 and 1.27)" in text
     write_model(dataclasses.replace(MODEL, effects=MODEL.effects[1:]), tmp_path / "bare.toml")
     assert "it has no effect for cloth; fit one" in line("--model", tmp_path / "bare.toml")
     write_model(dataclasses.replace(MODEL, execution={"sped_sd": 0.1}), tmp_path / "sped.toml")

@@ -363,7 +363,9 @@ def test_where_no_ball_gets_through_there_is_no_stroke() -> None:
 def test_what_cannot_be_planned_is_refused(tmp_path: Path) -> None:
     assert "method is 'best'" in refusal(lambda: make_plan(CUT, MODEL, Execution(), UtilityWeights(), method="best"))
     other = full_model(PAPER, Ball(0.0525, 0.1406))
-    assert "not the model's" in refusal(lambda: make_plan(CUT, other, Execution(), UtilityWeights()))
+    assert "the scene and the model differ in table.length" in refusal(
+        lambda: make_plan(CUT, other, Execution(), UtilityWeights())
+    )
     path = tmp_path / "p.json"
     assert "p.json" in refusal(lambda: read_plan(path))
     for text, words in (("{", "not JSON"), ("[]", "format is 'list'"), ('{"format": "x/2"}', "format is 'x/2'")):

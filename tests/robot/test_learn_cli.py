@@ -109,10 +109,10 @@ def test_figures_are_those_of_the_shots() -> None:
     assert second["miss_median_m"] == pytest.approx(0.02 * np.median([0.5, 1.5 - 1 / 3, 1.5]))
     assert (first["potted"], first["seen"], first["promised"]) == (4, 4, pytest.approx(3.2))
     assert (second["potted"], second["seen"], second["promised"]) == (3, 3, pytest.approx(2.4))
-    assert first["foreseen_median_m"] == 0.018 and second["scatter_median_m"] == 0.01
+    assert first["foreseen_median_m"] == 0.018 and second["scatter_median_m"] == 0.018
     text = text_of(told)
     [row] = [line for line in text.splitlines() if line.startswith("1 to 4 ")]
-    assert row.split()[3:] == ["0", "100", "18", "10", "4", "of", "4", "3.2", "200"]
+    assert row.split()[3:] == ["0", "100", "18", "18", "4", "of", "4", "3.2", "200"]
     assert "after 8 shots: table_tilt" in text and "ended: all 8 shots are played" in text
 
 
