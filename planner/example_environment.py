@@ -4,9 +4,10 @@ In: a scene and a model, or the built-in ones. Out: a stroke, with its mean rewa
 
 On the environment of planner/environment.py runs the cross-entropy method (Rubinstein 1999): actions are drawn from a
 normal distribution, whose mean and spread follow the best of them. After a wide first iteration every action is
-evaluated over several samples of execution errors and model uncertainty, and the final one over new samples. It starts
-from a stroke without spin at the middle of the object ball and has no knowledge of pockets, angles or spin;
-planner/search/search.py has, and finds better shots sooner.
+evaluated over several samples of execution errors and model uncertainty. It learns in the event engine, which is a
+hundred times as fast, and the stroke that it ends at is judged in MuJoCo, over new samples. It starts from a stroke
+without spin at the middle of the object ball and has no knowledge of pockets, angles or spin; planner/search/search.py
+has, and finds better shots sooner.
 """
 
 from __future__ import annotations
@@ -87,14 +88,17 @@ def command(scene_file: Path | None, model_file: Path | None, seed: int) -> int:
     if bool(scene_file) != bool(model_file):
         raise BadInput("--scene and --model go together; give both, or neither for the built-in ones")
     scene = read_scene(scene_file) if scene_file else example_scene()
-    environment = load(scene, read_model(model_file) if model_file else example_model(), seed=seed)
+    model = read_model(model_file) if model_file else example_model()
+    environment = load(scene, model, seed=seed, mujoco=False)
     began = time.perf_counter()
     mean, spread = initial_distribution(environment, scene.ball.diameter)
     found = optimise(environment, mean, spread, np.random.default_rng(seed))
-    before, after = environment.expected([mean, found], FINAL_SAMPLES)
+    judged = load(scene, model, seed=seed)
+    judged.reset()
+    before, after = judged.expected([mean, found], FINAL_SAMPLES)
     speed, side, height, theta = found
     seconds = time.perf_counter() - began
-    print(f"mean reward over {FINAL_SAMPLES} plays: {before:.3f} before, {after:.3f} after ({seconds:.0f} s)")
+    print(f"mean reward over {FINAL_SAMPLES} plays in MuJoCo: {before:.3f} before, {after:.3f} after ({seconds:.0f} s)")
     print(f"cue speed {speed:.2f} m/s, x'0 {1e3 * side:+.1f} mm, y'0 {1e3 * height:+.1f} mm, theta {theta:+.4f} rad")
     return Status.DONE
 
