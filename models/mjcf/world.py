@@ -87,7 +87,8 @@ def _add_table(spec: mujoco.MjSpec, table: Table, radius: float) -> None:
         )
 
 
-def _add_camera(spec: mujoco.MjSpec, name: str, eye: Array, target: Array, fovy: float) -> None:
+def add_camera(spec: mujoco.MjSpec, name: str, eye: Array, target: Array, fovy: float) -> None:
+    """Add a camera at a place, looking at another, upright: (3,) [m]; fovy [degrees]."""
     back = (eye - target) / np.linalg.norm(eye - target)
     right = np.cross([0.0, 0.0, 1.0], back)
     right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
@@ -106,9 +107,9 @@ def build_spec(
         noses = [(np.array([rail.start, rail.end]), rail.outward) for rail in rails(table)]
         furnish(spec, table, ball.radius, noses, pockets(table))
     size = np.hypot(table.length, table.width)
-    _add_camera(spec, "overhead", np.array([0.0, 0.0, 1.05 * table.length]), np.zeros(3), 45.0)
-    _add_camera(spec, "baulk", np.array([-0.95, 0.0, 0.42]) * size, np.array([-0.06, 0.0, 0.0]) * size, 34.0)
-    _add_camera(spec, "corner", np.array([-0.62, -0.68, 0.48]) * size, np.array([-0.035, -0.03, -0.07]) * size, 37.0)
+    add_camera(spec, "overhead", np.array([0.0, 0.0, 1.05 * table.length]), np.zeros(3), 45.0)
+    add_camera(spec, "baulk", np.array([-0.95, 0.0, 0.42]) * size, np.array([-0.06, 0.0, 0.0]) * size, 34.0)
+    add_camera(spec, "corner", np.array([-0.62, -0.68, 0.48]) * size, np.array([-0.035, -0.03, -0.07]) * size, 37.0)
     cushions = [g.name for g in spec.geoms if g.name.startswith("cushion")]
     for name in names:
         body = spec.worldbody.add_body(name=name, pos=[0, 0, ball.radius])

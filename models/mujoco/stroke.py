@@ -32,6 +32,7 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import CUE_MASS, CUE_TILT, GEAR_RATIO, NAME_PREFIX, PINION_RADIUS_M, TIP_RESTITUTION
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.mjcf.world import add_camera
 from models.model_file import full_model
 from models.mujoco.launcher import BRAKING_DECELERATION, RUN_UP, Launcher, SimulatedStroke
 from models.mujoco.world import World
@@ -118,9 +119,7 @@ def compare(asked: Sequence[Stroke]) -> list[SimulatedStroke]:
 def effective_mass(launcher: Launcher, cue_speed: float = 2.0) -> float:
     """Mass with which the cue hits: momentum of the ball over what the cue loses in speed, centre ball [kg]."""
     [stroke] = played(launcher, [(cue_speed, 0.0, 0.0)])
-    given = (
-        SNOOKER_BALL.mass * stroke.velocity[0] / np.cos(CUE_TILT)
-    )  # the slate turns the impulse along the cue into the horizontal
+    given = SNOOKER_BALL.mass * stroke.velocity[0] / np.cos(CUE_TILT)  # the slate turns the impulse level
     return float(given / (stroke.cue_speed - stroke.cue_left))
 
 
@@ -215,12 +214,7 @@ def picture(path: Path, width: int = 1280) -> None:
     world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", *others), furnished=True)
     launcher = Launcher(world)
     eye, target = np.array([-1.42, 1.16, 0.52]), np.array([-2.0, 0.0, 0.04])
-    back = (eye - target) / np.linalg.norm(eye - target)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    camera = world.spec.worldbody.add_camera(name="launcher", pos=eye, fovy=45)
-    camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
-    camera.alt.xyaxes = np.concatenate([right, np.cross(back, right)])
+    add_camera(world.spec, "launcher", eye, target, 45.0)
     world.spec.worldbody.add_light(
         name="work lamp", pos=[-2.0, 1.3, 1.5], dir=[-0.25, -0.65, -0.7], diffuse=[0.42, 0.42, 0.4], castshadow=False
     )
