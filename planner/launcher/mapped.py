@@ -97,12 +97,18 @@ class MappedLauncher(LauncherModel):
         return np.stack([cue_speed, turn, x + known.side_zero, y + known.height_zero], axis=-1)
 
 
+def usual_map(ball: Ball) -> CueingMap:
+    """The map of the literature's constants, none of which was measured."""
+    unknown = np.full((len(CONSTANT_NAMES),) * 2, math.nan)
+    return CueingMap(Constants(), Geometry(ball), unknown, Execution())
+
+
 def usual_launcher(model: Model, launcher: LauncherModel | None = None) -> MappedLauncher:
     """A launcher that was not measured: the constants of the literature; the squirt is the model's where it has one."""
-    unknown = np.full((len(CONSTANT_NAMES),) * 2, math.nan)
-    usual = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
     own = any("squirt" in (e.name(), e.slot) for e in model.effects)
-    return dataclasses.replace(with_map(launcher or LauncherModel(), usual, model.ball), squirt_in_model=own)
+    return dataclasses.replace(
+        with_map(launcher or LauncherModel(), usual_map(model.ball), model.ball), squirt_in_model=own
+    )
 
 
 def with_map(launcher: LauncherModel, cueing_map: CueingMap, ball: Ball) -> MappedLauncher:

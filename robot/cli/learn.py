@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,13 +66,9 @@ class Series:
 
     def course(self, table: Table, ball: Ball) -> LearningConfig:
         """The configuration of the loop; without a model file the base on this table."""
-        import numpy as np
-
-        from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
         from models.model_file import full_model, read_model
-        from planner.launcher.cueing_map import CueingMap, read_map
-        from planner.launcher.execution import Execution
-        from planner.launcher.mapped import with_map
+        from planner.launcher.cueing_map import read_map
+        from planner.launcher.mapped import usual_map, with_map
         from planner.launcher.stroke import LauncherModel
         from robot.emulator.table import BASE_EFFECTS
         from robot.learning.loop import LearningConfig
@@ -81,11 +76,7 @@ class Series:
         model = read_model(self.model_file) if self.model_file else full_model(table, ball)
         if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in model.stack()}):
             raise BadInput(f"{self.model_file}: lacks {', '.join(lacking)}; give a model that starts from the base")
-        if self.map_file:
-            cueing_map = read_map(self.map_file)
-        else:
-            unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
-            cueing_map = CueingMap(Constants(), Geometry(model.ball), unknown, Execution())
+        cueing_map = read_map(self.map_file) if self.map_file else usual_map(model.ball)
         with_map(LauncherModel(), cueing_map, model.ball)  # of these balls, or refused before anything is played
         course = LearningConfig(
             model, cueing_map, self.shots, self.every, self.seed, self.balls, self.chosen, stops=not self.all_shots
