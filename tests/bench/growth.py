@@ -154,8 +154,10 @@ def clip_growth(
         for count in counts:
             grown(folder / "made", count, folder / str(count))
         for verb in verbs:
-            out = ["--out", str(folder / "fitted.toml")] if verb == "fit" else []
-            found = [measured(["sysid.cli", verb, str(folder / str(n)), *out]) for n in counts]
+            outs = [["--out", str(folder / f"fitted-{n}.toml")] if verb == "fit" else [] for n in counts]
+            found = [
+                measured(["sysid.cli", verb, str(folder / str(n)), *out]) for n, out in zip(counts, outs, strict=True)
+            ]
             took, memory = [f[0] for f in found], [f[1] for f in found]
             rows.append((
                 f"  {verb}, {', '.join(map(str, counts))} clips", ", ".join(f"{t:.1f}" for t in took),
