@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -89,13 +90,18 @@ class Background:
         gain = lit_alike(ratio, np.median(shown, axis=0), self.noise)
         return View(self.geometry, picture, self.picture, gain, self.noise, self.grid)
 
+    @cached_property
+    def bed_colour(self) -> Array:
+        """Usual colour of the bed (3,) red, green, blue, 0 to 1."""
+        return np.asarray(np.median(self.picture[self.geometry.bed], axis=0)[::-1] / 255, float)
+
     def light_at(self, view: View, pixel: Array) -> Array:
         """Light of a picture at a pixel (2,) relative to the median of the bed: (3,) blue, green, red."""
         h, w = self.light.shape[:2]
         return np.asarray(self.light[min(max(int(pixel[1]), 0), h - 1), min(max(int(pixel[0]), 0), w - 1)] * view.gain)
 
 
-def lit_alike(ratio: Array, grey: Array, noise: float) -> Array:
+def lit_alike(ratio: NDArray[np.floating], grey: NDArray[np.floating], noise: float) -> Array:
     """Brightness of a light (..., 3) from that of each channel (..., 3), which show a colour (3,) [grey levels].
 
     A channel in which the cloth is dark hardly tells the light, and none at all in which it is 0: light then changes

@@ -18,7 +18,8 @@ from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
 from sysid.vision.balls.discs import Shutter, core_colour, known_disc, new_discs
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
-from sysid.vision.balls.faces import ANY_BALL, face, names_by_faces
+from sysid.vision.balls.faces import ANY_BALL, face
+from sysid.vision.balls.names import names_by_faces
 from sysid.vision.balls.outline_fit import (
     MIN_SEPARATION_RADII,
     OutlineFit,
@@ -101,7 +102,7 @@ class Detector:
             return list(found)
         view = self.background.view(picture)
         faces = {str(k): [face(self.background, view, one.xy, one.radius)] for k, one in enumerate(found)}
-        names, _ = names_by_faces(faces, self.palette)
+        names, _ = names_by_faces(faces, self.palette, self.background.bed_colour)
         return [replace(one, name=name) for k, one in enumerate(found) if (name := names[str(k)]) is not None]
 
     def _outlines(self, view: View) -> list[Detection]:

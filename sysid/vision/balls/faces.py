@@ -1,22 +1,22 @@
 """The faces of balls that have several colours, as those of pool: what they show, and which ball each is.
 
-In: pictures beside the background, where balls are seen in them, and a palette. Out: names. Such balls are found and
-followed as discs that are not the table (cover.py), whatever they show, and named by all that is seen of them.
+In: pictures beside the background, and where balls are seen in them. Out: the colours of their faces. Such balls are
+found and followed as discs that are not the table (cover.py), whatever they show, and named by all that is seen of
+them (names.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from sysid.vision.balls.background import Background, View
-from sysid.vision.balls.palette import Naming, Palette, colour_distance, name_faces
+from sysid.vision.balls.names import FACE_RADII
+from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.view_geometry import Array
 
 ANY_BALL = "ball"  # one that has no name yet
-FACE_RADII = 0.85  # of a disc that shows the face, clear of the rim
-MAX_PLACES = 400  # of a face, taken from all pictures
 OTHER_COLOUR = 0.22  # distance from the median colour of a face, from which on a place has another one
 PLAIN_SHARE = 0.12  # of such places on a ball of one colour: its highlight, and the cue over it
 MIN_PATTERNED = 0.2  # of the faces seen, that make a set of patterned balls
@@ -35,11 +35,3 @@ def are_patterned(faces: Sequence[Array]) -> bool:
     """Whether faces (n, 3) show several colours each, and not only balls of one colour."""
     other = [(colour_distance(shown, np.median(shown, axis=0)) > OTHER_COLOUR).mean() for shown in faces]
     return bool(np.mean(np.array(other) > PLAIN_SHARE) > MIN_PATTERNED) if faces else False
-
-
-def names_by_faces(faces: Mapping[str, Sequence[Array]], palette: Palette) -> tuple[dict[str, str | None], Naming]:
-    """Names of balls by what was seen of their faces (n, 3) in any number of pictures; None for one without."""
-    seen = {ball: np.concatenate(shown) for ball, shown in faces.items() if shown}
-    thinned = [shown[:: max(1, len(shown) // MAX_PLACES)] for shown in seen.values()]
-    naming = name_faces(thinned, palette)
-    return dict(zip(seen, naming.names, strict=True)), naming

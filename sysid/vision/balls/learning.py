@@ -18,12 +18,13 @@ from sysid.vision.balls.detect import Detector, outline_colour
 from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import are_patterned, face
+from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.outline_fit import (
     OutlineFit,
     balls,
     fit_outlines,
 )
-from sysid.vision.balls.palette import LINK_DISTANCE, Palette, colour_distance, group_colours, name_colours
+from sysid.vision.balls.palette import LINK_DISTANCE, Palette, colour_distance, group_colours
 from sysid.vision.balls.resting import resting_balls
 from sysid.vision.balls.view_geometry import Array, view_geometry
 from sysid.vision.camera.camera_motion import standing
@@ -105,7 +106,7 @@ def learn_detector(
     least = max(1, MIN_FRAME_FRACTION * len(views))
     frequent = [(group, n) for group, n in zip(groups, frames_seen, strict=True) if n >= least]
     colours = [np.median([colour for _, colour in group], axis=0) for group, _ in frequent]
-    naming = name_colours(np.array(colours), palette)
+    naming = name_colours(np.array(colours), palette, background.bed_colour)
     named = [(name, colour) for name, colour in zip(naming.names, colours, strict=True) if name is not None]
     counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
     detector = Detector(background, optics, tuple(named), ())
@@ -158,8 +159,7 @@ def _rough_detector(
 
     Of clipped channels only a least brightness is known: they are taken as brighter, so that they are clipped anywhere.
     """
-    table, geometry = detector.background.picture, detector.background.geometry
-    bed = np.median(table[geometry.bed], axis=0)[::-1] / 255
+    bed = detector.background.bed_colour
     named = tuple(
         (name, colour) for name, colour in detector.ball_colours if colour_distance(colour, bed) > MIN_BED_CONTRAST
     )

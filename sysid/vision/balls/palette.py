@@ -1,22 +1,18 @@
-"""The colours of balls: which balls there are, and how colours measured in footage get their names.
+"""The colours of balls: which balls there are, and which colours measured in footage are of the same one.
 
-In: a palette, and colours of balls measured in one footage. Out: a name for every colour. What a ball looks like is
-measured; the nominal colours of the palette only name it. Light has a colour and a brightness, so all balls are named
-at once, together with the light that makes the cheapest assignment. Balls of pool are white in part: they are told
-apart by the colours of many places on their faces, and by how many of these are white.
+In: a palette file, and colours of balls measured in one footage. Out: `Palette`, and groups of colours; names.py names
+them.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from models.errors import BadInput
 from models.files import read_toml
@@ -28,23 +24,15 @@ from sysid.vision.balls.view_geometry import Array
 from sysid.vision.frames import Picture
 
 BRIGHTNESS_WEIGHT = 0.5  # of brightness relative to tint when colours are compared
-COLOUR_SPREAD = 0.1  # usual distance between colours of the same ball: gloss, marks, shading
-LIGHT_LOG_SD = 0.5  # of the brightness of a light, standard deviation of its logarithm
-TINT_LOG_SD = 0.25  # of its colour, standard deviation of the logarithm
-MIN_COST_MARGIN = 4.0  # by which the second best assignment must cost more to be ruled out [COLOUR_SPREAD^2]
-UNNAMED_COST = 100.0  # of a colour without a name
-NO_WHITE_COST = 8.0  # of naming no ball as the whitest of the palette: there is nearly always a cue ball
 LINK_DISTANCE = 0.13  # between colours that are of the same ball
 MERGE_DISTANCE = 0.2  # between groups of colours of the same ball, if they are not seen in the same frames
 MAX_STRAY_FRACTION = 0.1  # of the frames of the rarer group, in which a stray outline may have the other's colour
 CORE_FRACTION = 0.65  # of the radius, whose pixels give the colour of a ball
 DIM_QUANTILE = 0.5  # of the brightness of these, above which pixels count
 GLOSS_QUANTILE = 0.9  # above which they are highlights
-WHITE_SHARE_SD = (0.06, 0.3)  # of what is seen of a face and is white: always, and for every part that is
-FACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number or a highlight
-FACE_PLACES = 4.0  # independent ones on a face, whose light differs
 POOL_BALL_M = 0.05715  # diameter of pool balls (World Pool-Billiard Association, equipment specifications)
 POOL_BALL_TOLERANCE_M = 0.0004
+TELEVISION_PINK = (0.93, 0.42, 0.55)  # of the balls 4 and 12 of sets for television, which have no purple
 SPOT_SHARE, STRIPE_SHARE = 0.07, 0.45  # of the faces of pool balls, that number circles and the poles of stripes take
 
 
@@ -56,20 +44,12 @@ class Palette:
     colours: Array  # (n, 3) red, green, blue, 0 to 1, in white light
     counts: tuple[int, ...]  # how many there are of each
     white: tuple[float, ...] = ()  # share of the face of each that is white beside its colour; () for none of any
+    variants: tuple[Palette, ...] = ()  # other sets that these may be of instead, as those of television
 
     @property
     def patterned(self) -> bool:
         """Whether balls have more than one colour."""
         return any(self.white)
-
-
-@dataclass(frozen=True)
-class Naming:
-    """Names given to colours that were found."""
-
-    names: tuple[str | None, ...]  # None where the palette has no name left
-    light: Array  # (3,) red, green, blue of the light, 1 for white
-    doubts: tuple[str, ...]  # messages for the user
 
 
 def default_palette() -> Palette:
@@ -93,7 +73,12 @@ def pool_palette() -> Palette:
     colours = np.array([*named.values(), *plain.values()])
     names = (*named, *(f"{name}_stripe" for name in plain))
     white = (0.0, *[SPOT_SHARE] * (len(named) - 1), *[STRIPE_SHARE] * len(plain))
-    return Palette(names, colours, (1,) * len(names), white)
+    usual = Palette(names, colours, (1,) * len(names), white)
+    shown = np.array(
+        [TELEVISION_PINK if name.startswith("purple") else c for name, c in zip(names, colours, strict=True)]
+    )
+    pink = tuple(name.replace("purple", "pink") for name in names)
+    return replace(usual, variants=(Palette(pink, shown, usual.counts, white),))
 
 
 def palette_for(path: Path | str | None, table: Table, diameter: float) -> Palette:
@@ -150,95 +135,6 @@ def colour_distance(one: Array, other: Array) -> Array:
     return np.asarray(
         np.sqrt(((difference - brightness[..., None]) ** 2).sum(axis=-1) + BRIGHTNESS_WEIGHT * 3 * brightness**2)
     )
-
-
-def name_colours(colours: Array, palette: Palette) -> Naming:
-    """Name colours (m, 3), red, green, blue, 0 to 1, all seen in one unknown light."""
-    colours = np.asarray(colours, float).reshape(-1, 3)
-    return _named(colours, palette, lambda light: _name_costs(colours, palette, light))
-
-
-def name_faces(faces: Sequence[Array], palette: Palette) -> Naming:
-    """Name balls by the colours of places on their faces (n, 3), as in `name_colours`."""
-    means = np.array([np.mean(face, axis=0) for face in faces]).reshape(-1, 3)
-    return _named(means, palette, lambda light: _face_costs(faces, palette, light))
-
-
-def _named(colours: Array, palette: Palette, cost_in: Callable[[Array], Array]) -> Naming:
-    """Names of balls of mean colours (m, 3), by the costs of every name (m, n) in a light (3,)."""
-    if len(colours) == 0:
-        return Naming((), np.ones(3), ())
-    # A name is available at most as often as there are colours.
-    available = np.array([k for k, count in enumerate(palette.counts) for _ in range(min(count, len(colours)))])
-    pairs = [c / n for c in np.maximum(colours, 0.01) for n in np.maximum(palette.colours, 0.01)]
-    lights = [np.ones(3), *(light for light in pairs if _light_cost(light) < 9)]
-    costs = [cost_in(light) for light in lights]
-    light_costs = [_light_cost(light) for light in lights]
-    best, chosen, total = _cheapest_light(costs, light_costs, available, palette)
-    names = [palette.names[available[k]] if k >= 0 else None for k in chosen]
-    doubts = []
-    for i, name in enumerate(names):
-        if name is None:
-            doubts.append(f"a ball of colour {_hex(colours[i])} has no name in the palette")
-            continue
-        barred = [cost.copy() for cost in costs]
-        for cost in barred:
-            cost[i, palette.names.index(name)] = UNNAMED_COST
-        _, other, second = _cheapest_light(barred, light_costs, available, palette)
-        if other[i] >= 0 and second - total < MIN_COST_MARGIN:
-            doubts.append(f"the ball named {name} may be {palette.names[available[other[i]]]}")
-    return Naming(tuple(names), lights[best], tuple(doubts))
-
-
-def _cheapest_light(
-    costs: Sequence[Array], light_costs: Sequence[float], available: NDArray[np.intp], palette: Palette
-) -> tuple[int, NDArray[np.intp], float]:
-    """Index of the cheapest light, the names in it (m,) as indices into `available`, and their cost."""
-    whitest = int(palette.colours.min(axis=1).argmax())
-    found = []
-    for k, (name_cost, light_cost) in enumerate(zip(costs, light_costs, strict=True)):
-        chosen, cost = _assign(name_cost[:, available])
-        missed = not any(available[c] == whitest for c in chosen if c >= 0)
-        found.append((cost + light_cost + NO_WHITE_COST * missed, k, chosen))
-    total, k, chosen = min(found, key=lambda f: f[:2])
-    return k, chosen, total
-
-
-def _name_costs(colours: Array, palette: Palette, light: Array) -> Array:
-    """Cost of every name (m, n) in this light."""
-    return np.minimum((colour_distance(colours[:, None] / light, palette.colours) / COLOUR_SPREAD) ** 2, UNNAMED_COST)
-
-
-def _face_costs(faces: Sequence[Array], palette: Palette, light: Array) -> Array:
-    """Cost of every name (m, n) in this light: places on a face show its colour or white, in their shares."""
-    whitest = palette.colours[palette.colours.min(axis=1).argmax()]
-    shares, cost = np.array(palette.white), np.empty((len(faces), len(palette.names)))
-    for k, face in enumerate(faces):
-        own = (colour_distance(face[:, None] / light, palette.colours) / COLOUR_SPREAD) ** 2
-        white = np.where(shares > 0, (colour_distance(face / light, whitest)[:, None] / COLOUR_SPREAD) ** 2, np.inf)
-        place = np.minimum(np.minimum(own, white), FACE_COST_LIMIT).mean(axis=0)
-        off = ((white < own).mean(axis=0) - shares) / (WHITE_SHARE_SD[0] + WHITE_SHARE_SD[1] * shares)
-        cost[k] = FACE_PLACES * place + np.where(shares > 0, off**2, 0.0)
-    return cost
-
-
-def _light_cost(light: Array) -> float:
-    """How unusual a light is: squared departures from white in standard deviations, summed."""
-    log = np.log(light)
-    return float((log.mean() / LIGHT_LOG_SD) ** 2 + ((log - log.mean()) ** 2).sum() / TINT_LOG_SD**2)
-
-
-def _assign(cost: Array) -> tuple[NDArray[np.intp], float]:
-    """The cheapest assignment of names, -1 for none, and its cost."""
-    chosen = np.full(len(cost), -1)
-    rows, columns = linear_sum_assignment(cost)
-    keep = cost[rows, columns] < UNNAMED_COST
-    chosen[rows[keep]] = columns[keep]
-    return chosen, float(cost[rows[keep], columns[keep]].sum()) + UNNAMED_COST * int((chosen < 0).sum())
-
-
-def _hex(colour: Array) -> str:
-    return "#" + "".join(f"{int(np.clip(255 * v, 0, 255)):02x}" for v in colour)
 
 
 def ball_colour(picture: Picture, xy: Array, radius: float, light: Array) -> Array:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.vision.balls.faces import face, names_by_faces
+from sysid.vision.balls.faces import face
+from sysid.vision.balls.names import names_by_faces
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.tracks.follow import BallTrack
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detector
     from sysid.vision.frames import Footage
 
+NEW_VIEW_RADII = 1.0  # that a ball rolls, after which it shows another face
 MAX_FACE_PICTURES = 24  # pictures in which faces are looked at
 
 
@@ -29,12 +31,19 @@ def named(
     if detector.palette is None:
         return tuple(tracks), []
     faces: dict[str, list[Array]] = {track.name: [] for track in tracks}
+    place: dict[str, Array] = {}  # of a ball when its last view was taken: it shows another once it has rolled on
     for frame in footage.sample(MAX_FACE_PICTURES):
         view = detector.background.view(frame.picture)
         for track in tracks:
             for row in np.flatnonzero(track.frame == frame.index):
-                faces[track.name].append(face(detector.background, view, track.pixels[row], float(track.radius[row])))
-    found, naming = names_by_faces(faces, detector.palette)
+                at, radius = track.pixels[row], float(track.radius[row])
+                shown = face(detector.background, view, at, radius)
+                if track.name in place and np.hypot(*(at - place[track.name])) < NEW_VIEW_RADII * radius:
+                    faces[track.name][-1] = np.concatenate([faces[track.name][-1], shown])
+                else:
+                    faces[track.name].append(shown)
+                    place[track.name] = at
+    found, naming = names_by_faces(faces, detector.palette, detector.background.bed_colour)
     kept, times = [], dict[str, int]()
     for track in tracks:
         if (name := found.get(track.name)) is not None:

@@ -17,7 +17,8 @@ from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
-from sysid.vision.balls.palette import default_palette, group_colours, name_colours, read_palette
+from sysid.vision.balls.names import name_colours
+from sysid.vision.balls.palette import default_palette, group_colours, read_palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Footage, Picture, open_footage
 from tests.footage.cameras import overhead

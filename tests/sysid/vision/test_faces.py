@@ -15,7 +15,8 @@ from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import new_discs
 from sysid.vision.balls.faces import are_patterned
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import default_palette, name_faces, palette_for, pool_palette, read_palette
+from sysid.vision.balls.names import name_faces
+from sysid.vision.balls.palette import default_palette, palette_for, pool_palette, read_palette
 from sysid.vision.frames import Picture
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead
@@ -108,7 +109,7 @@ def test_faces_are_named_by_their_colours_and_by_how_white_they_are(light: tuple
         white = rng.random(200) < share * (1.4 if name.startswith("red") else 0.8)
         shown = np.where(white[:, None], palette.colours[0], colour) * rng.normal(1, 0.1, (200, 1))
         faces.append(np.clip(shown * light + rng.normal(0, 0.02, (200, 3)), 0, 1))
-    assert name_faces(faces, palette).names == palette.names
+    assert name_faces([[one] for one in faces], palette).names == palette.names
 
 
 def test_balls_of_one_colour_are_known_from_others() -> None:
