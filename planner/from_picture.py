@@ -119,6 +119,7 @@ def balls_in_picture(
 ) -> DetectedBalls:  # fmt: skip
     """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
     from models.presets import usual_mass
+    from sysid.vision.balls.detect import Expected
     from sysid.vision.balls.learning import learn_detector
     from sysid.vision.balls.palette import palette_for
     from sysid.vision.camera.projection import ball_of, read_camera
@@ -143,7 +144,7 @@ def balls_in_picture(
             f"{path}: no ball is seen in the last frame; is {camera_path} its camera, and are its balls lit?"
         )
     pixels = {name: [one.xy] for name, one in balls.items()}  # the last frame first
-    expected = [(one.name, one.xy) for one in balls.values()]
+    expected = [Expected(one.name, one.xy) for one in balls.values()]
     for picture in list(pictures)[-2::-1]:
         before = detector.find(picture, expected)
         for name, one in balls.items():

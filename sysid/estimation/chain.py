@@ -32,7 +32,7 @@ from sysid.estimation.residual_rows import Weighting, residuals
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import SharedConstants
 from sysid.estimation.solver.least_squares import Moves, batches, loss, weights
-from sysid.estimation.solver.normal_equations import NormalEquations, from_columns, from_derivatives, from_differences
+from sysid.estimation.solver.normal_equations import NormalEquations, from_derivatives, from_differences
 from sysid.estimation.windows import Mask, Windows, columns
 
 PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
@@ -180,15 +180,6 @@ class Equations(NamedTuple):
         return np.asarray(np.linalg.solve(matrix, np.column_stack([self.by_constant, self.state_gradient])), float)
 
 
-class Beside(NamedTuple):
-    """Parameters of a further effect that windows are played with, one after the other, by a probe each."""
-
-    chain: Chain  # its constants: those of the fit, then these
-    off: Array  # (j,) values at which the effect does nothing
-    probe: Array  # (j,) change of each, which is then its unit
-    impacts: tuple[str, ...] | None = None  # "ball", "cushion": where alone the effect acts; None for elsewhere as well
-
-
 def limited_move(at: Array, forward: Array, backward: Array) -> Array:
     """What a move forward (k, ...) gives, with no steeper a slope than one backward, and none if they differ in sign.
 
@@ -200,60 +191,15 @@ def limited_move(at: Array, forward: Array, backward: Array) -> Array:
     return at + np.where(ahead * behind > 0, slope, 0.0)
 
 
-def _derivatives(moved: Array, at: Array, steps: Array) -> Array:
-    """Finite derivatives (k, n, m) from residuals (k, n, m) that were moved by steps (k,) from those at a point."""
-    found = moved - at
-    found /= steps[:, None, None]
-    return np.nan_to_num(found, copy=False)
-
-
-def _meetings(chain: Chain, rows: Array, last: Array, first: int) -> dict[str, Mask]:
-    """In which windows a ball meets another one, or a cushion: where a change of that restitution changes anything.
-
-    `rows` and `last` are residuals and ends, of windows as they are and with each unknown moved; that of the first
-    constant is `first`. Nothing is said of what has a restitution that is not fitted.
-    """
-    found = {}
-    for kind in ("ball", "cushion"):
-        if (name := f"{kind}_impact.restitution") in chain.names:
-            k = first + chain.names.index(name)
-            moved = np.any(np.nan_to_num(rows[k] - rows[0]) != 0.0, axis=-1)
-            found[kind] = moved | np.any(np.nan_to_num(last[k] - last[0]) != 0.0, axis=-1)
-    return found
-
-
-def _played_beside(
-    one: Beside, x: Array, c: Array, which: Index, rows: Array, last: Array, meetings: dict[str, Mask]
-) -> tuple[Array, Array]:
-    """Residuals (j, w, m) and ends (j, w, p) of windows with each parameter of an effect moved.
-
-    Those in which nothing is met where it acts are as they were.
-    """
-    more, some = one.off.size, np.arange(len(which))
-    if one.impacts is not None and all(kind in meetings for kind in one.impacts):
-        some = np.flatnonzero(np.any([meetings[kind] for kind in one.impacts], axis=0))
-    changed, ends = np.tile(rows, (more, 1, 1)), np.tile(last, (more, 1, 1))
-    if some.size:
-        constants = np.hstack([np.tile(c, (more, 1)), one.off + np.diag(one.probe)])
-        r, at_end = one.chain.play(
-            np.tile(x[some], (more, 1)), constants.repeat(len(some), axis=0), np.tile(which[some], more)
-        )
-        changed[:, some, : r.shape[1]] = r.reshape(more, len(some), -1)
-        ends[:, some] = at_end.reshape(more, len(some), -1)
-    return changed, ends
-
-
 def _differences(
-    chain: Chain, states: Array, c: Array, steps_c: Array, beside: Sequence[Beside], limited: bool
-) -> tuple[NormalEquations, Array]:
+    chain: Chain, states: Array, c: Array, steps_c: Array, limited: bool
+) -> tuple[NormalEquations, Array]:  # fmt: skip
     """Normal equations of windows' samples alone, and ends (1 + k, w, p): first as they are, then their derivatives.
 
-    By the states, constants (q,) of steps `steps_c`, and parameters of further effects: k in all. `limited`: see
-    `equations`.
+    By the states and constants (q,) of steps `steps_c`: k in all. `limited`: see `equations`.
     """
     count, p = states.shape  # of windows, and of what each has
-    own = np.concatenate([chain.windows.steps, steps_c])
-    steps = np.concatenate([own, *(np.sign(one.probe) for one in beside)])
+    steps = np.concatenate([chain.windows.steps, steps_c])
     k = len(steps)
     normal = NormalEquations(np.empty(count), np.empty((count, k, k)), np.empty((count, k)))
     ends = np.empty((1 + k, count, p))
@@ -265,31 +211,19 @@ def _differences(
         x, free = states[which], chain.windows.free[which]
         moves = Moves.of(x, c, which, chain.windows.steps, steps_c, free=free)
         rows, last = (moves.laid_out(part) for part in chain.play(moves.x, moves.c, moves.which))
-        meetings = _meetings(chain, rows, last, 1 + p) if beside else {}
         if inside.size:
             back = Moves.of(x, c, which, NO_STEPS, -steps_c)
             for moved, found in zip((rows, last), chain.play(back.x, back.c, back.which), strict=True):
                 moved[1 + p + inside] = limited_move(moved[0], moved[1 + p + inside], back.laid_out(found)[1 + inside])
-        ends[: len(last), which] = last
-        if not beside:
-            part = from_differences(rows, steps, CAUCHY_SD)
-        else:
-            derivatives, at = [_derivatives(rows[1:], rows[0], own)], len(last)
-            for one in beside:
-                more = one.off.size
-                changed, last = _played_beside(one, x, c, which, rows[0], ends[0, which], meetings)
-                derivatives.append(_derivatives(changed, rows[0], np.sign(one.probe)))
-                ends[at : at + more, which] = last
-                at += more
-            part = from_columns(rows[0], [column for block in derivatives for column in block], CAUCHY_SD)
+        ends[:, which] = last
+        part = from_differences(rows, steps, CAUCHY_SD)
         normal.loss[which], normal.matrix[which], normal.gradient[which] = part.loss, part.matrix, part.gradient
     ends[1:] = np.nan_to_num((ends[1:] - ends[0]) / steps[:, None, None])
     return normal, ends
 
 
 def equations(
-    chain: Chain, states: Array, c: Array, sd: Array, steps_c: Array = NO_STEPS, beside: Sequence[Beside] = (),
-    limited: bool = False,
+    chain: Chain, states: Array, c: Array, sd: Array, steps_c: Array = NO_STEPS, *, limited: bool = False
 ) -> tuple[Array, list[Equations]]:  # fmt: skip
     """Losses of shots (n,), and their normal equations at constants (q,).
 
@@ -299,49 +233,69 @@ def equations(
         c: constants.
         sd: (k, p) of the gaps.
         steps_c: (q,) finite differences of the constants; none where these are held.
-        beside: further effects, whose parameters count as constants after these.
         limited: whether derivatives by constants are those that hold on both sides, see `limited_move`.
     """
     w, p = chain.windows, states.shape[1]
-    before, after = w.following
-    of_samples, ends = _differences(chain, states, c, steps_c, beside, limited)
-    z = chain.gaps(states, ends[0], sd)
-    by = np.where(np.isfinite(sd), 1 / sd, 0.0)
-    jz = ends[1:][:, before] * by  # (k, gaps, p)
-    of_gaps = from_derivatives(z, jz, CAUCHY_SD)
+    of_samples, ends = _differences(chain, states, c, steps_c, limited)
+    gaps = Gaps.of(chain, states, ends, sd)
+    of_gaps = from_derivatives(gaps.z, gaps.derivatives, CAUCHY_SD)
     matrix, gradient = of_samples.matrix, of_samples.gradient
-    matrix[before] += of_gaps.matrix
-    gradient[before] += of_gaps.gradient
-    heavy = weights(z, CAUCHY_SD)
-    cross = -np.moveaxis(jz, 0, 2) * (heavy * by)[..., None]  # by the state of the next window
-    diagonal = np.arange(p)
-    matrix[after[:, None], diagonal, diagonal] += heavy * by**2
-    gradient[after, :p] -= heavy * by * np.nan_to_num(z)
-    known = 1 / w.prior.sd**2
-    matrix[:, diagonal, diagonal] += known
-    gradient[:, :p] += np.where(known > 0, states - w.prior.mean, 0.0) * known
-    number = np.full(len(w.shot), -1)
-    number[after] = np.arange(len(after))
-    found = []
-    for run in w.runs:
-        size = run.size * p
-        block, mixed = np.zeros((size, size)), matrix[run][:, :p, p:].reshape(size, -1)
-        for k, window in enumerate(run):
-            here = slice(k * p, (k + 1) * p)
-            block[here, here] = matrix[window, :p, :p]
-            if k:
-                link, last = cross[number[window]], slice((k - 1) * p, k * p)
-                block[here, last], block[last, here] = link[:, :p], link[:, :p].T
-                mixed[here] += link[:, p:]
-        free = w.free[run]
-        f = free.ravel()
-        found.append(
-            Equations(
-                free, block[np.ix_(f, f)], mixed[f], matrix[run, p:, p:].sum(axis=0), gradient[run, :p].ravel()[f],
-                gradient[run, p:].sum(axis=0),
-            )
-        )  # fmt: skip
-    return chain.summed(states, of_samples.loss, z), found
+    matrix[w.following[0]] += of_gaps.matrix
+    gradient[w.following[0]] += of_gaps.gradient
+    shared = [matrix[run, p:, p:].sum(axis=0) for run in w.runs]
+    return chain.summed(states, of_samples.loss, gaps.z), gaps.joined(matrix[:, :p], gradient, shared)
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """Between the end of each window and the state of the next: their residuals, and how these change."""
+
+    chain: Chain
+    states: Array  # (w, p) of windows
+    z: Array  # (k, p) residuals
+    by: Array  # (k, p) by the state of the next window
+    derivatives: Array  # (u, k, p) by all unknowns of the window before: its state, then constants
+
+    @classmethod
+    def of(cls, chain: Chain, states: Array, ends: Array, sd: Array) -> Gaps:
+        """From ends (1 + u, w, p) and their derivatives, and standard deviations (k, p)."""
+        by = np.where(np.isfinite(sd), 1 / sd, 0.0)
+        return cls(chain, states, chain.gaps(states, ends[0], sd), by, ends[1:][:, chain.windows.following[0]] * by)
+
+    def joined(self, rows: Array, gradient: Array, shared: Sequence[Array]) -> list[Equations]:
+        """Normal equations of every shot, its windows joined by the gaps.
+
+        Args:
+            rows: (w, p, u) of the state of each window, with samples and the gap after it; changed in place.
+            gradient: (w, u) likewise.
+            shared: (q, q) of each shot, of its constants.
+        """
+        w, (_, p) = self.chain.windows, self.states.shape
+        after, heavy, diagonal = w.following[1], weights(self.z, CAUCHY_SD), np.arange(p)
+        cross = -np.moveaxis(self.derivatives, 0, 2) * (heavy * self.by)[..., None]  # by the state of the next window
+        rows[after[:, None], diagonal, diagonal] += heavy * self.by**2
+        gradient[after, :p] -= heavy * self.by * np.nan_to_num(self.z)
+        known = 1 / w.prior.sd**2
+        rows[:, diagonal, diagonal] += known
+        gradient[:, :p] += np.where(known > 0, self.states - w.prior.mean, 0.0) * known
+        number = np.full(len(w.shot), -1)
+        number[after] = np.arange(len(after))
+        found = []
+        for run, constants in zip(w.runs, shared, strict=True):
+            size = run.size * p
+            block, mixed = np.zeros((size, size)), rows[run][:, :, p:].reshape(size, -1)
+            for k, window in enumerate(run):
+                here = slice(k * p, (k + 1) * p)
+                block[here, here] = rows[window, :, :p]
+                if k:
+                    link, last = cross[number[window]], slice((k - 1) * p, k * p)
+                    block[here, last], block[last, here] = link[:, :p], link[:, :p].T
+                    mixed[here] += link[:, p:]
+            free = w.free[run]
+            f = free.ravel()
+            of_states, of_constants = gradient[run, :p].ravel()[f], gradient[run, p:].sum(axis=0)
+            found.append(Equations(free, block[np.ix_(f, f)], mixed[f], constants, of_states, of_constants))
+        return found
 
 
 def reduced(shots: list[Equations]) -> tuple[list[Array], Array, Array]:

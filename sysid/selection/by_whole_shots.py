@@ -83,9 +83,9 @@ class ByWholeShots(FitView):
         """Whether residuals beyond the noise are no more than chance leaves."""
         return self.now.discrepancy_rate == 0.0
 
-    def linearised(self, candidates: Sequence[Candidate]) -> Linearised:
-        """Its shots' losses with candidates beside it."""
-        return linearise(self.now, candidates, quick=True)
+    def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
+        """See `FitView`."""
+        return linearise(self.now, candidates, quick=True, together=together)
 
     def with_effect(self, score: Score) -> Self:
         """The fit with an effect more, or with another formula."""

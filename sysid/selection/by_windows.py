@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from sysid.estimation.chain import Beside, equations, reduced
+from sysid.estimation.chain_beside import Beside, information_beside
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, from_other, moved_to, searched
@@ -71,9 +71,9 @@ class ByWindows(FitView):
         """See `FitView`."""
         return self.at.fitted.information, self.at.fitted.gradient
 
-    def linearised(self, candidates: Sequence[Candidate]) -> Linearised:
-        """Its shots' losses with candidates beside it."""
-        return linearise_windows(self.at, candidates)
+    def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
+        """See `FitView`."""
+        return linearise_windows(self.at, candidates, together=together)
 
     def with_effect(self, score: Score) -> Self:
         """The fit with an effect more, or with another formula."""
@@ -123,8 +123,8 @@ def as_point(at: WindowFit) -> Point:
     return Point(chain.problem, np.zeros((0, 0)), at.fitted.constants, chain.spread.impact)
 
 
-def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Linearised:
-    """A fit of windows with candidates beside it as quadratic losses of its shots."""
+def linearise_windows(at: WindowFit, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
+    """A fit of windows with candidates beside it as quadratic losses of its shots, or of all together."""
     found = at.fitted
     chain, c, states = found.chain, found.constants, found.states
     signatures, beside = list[Signature](), list[Beside]()
@@ -135,12 +135,13 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate]) -> Lineari
         changed = chain.with_model(chain.model.add(one.effect), (*chain.names, *keys))
         beside.append(Beside(changed, off, probe, one.effect.impacts()))
         signatures.append(Signature(one, np.abs(probe), np.zeros((len(off), 0, 0))))
-    _, shots = equations(chain, states, c, chain.gap_sd(states), chain.shared.steps_from(c), beside)
-    _, information, gradient = reduced(shots)
-    marginal = np.sum([s.constants for s in shots], axis=0).diagonal()[len(c) :]
+    steps = chain.shared.steps_from(c)
+    information, gradient, marginal = information_beside(
+        chain, states, c, chain.gap_sd(states), steps, beside, together=together
+    )
     r = chain.play(states, np.tile(c, (len(states), 1)), np.arange(len(states)))[0]
     chi2, residuals = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2)), int(np.isfinite(r).sum())
-    return Linearised(tuple(signatures), information, gradient, marginal, chi2, residuals)
+    return Linearised(tuple(signatures), information, gradient, marginal[len(c) :], chi2, residuals)
 
 
 def with_effect(at: WindowFit, score: Score) -> WindowFit:

@@ -83,8 +83,8 @@ class Linearised:
     """Every shot's loss as a quadratic one of the constants, then of the probes of candidates, states eliminated."""
 
     signatures: tuple[Signature, ...]  # of the candidates, with K probes in all
-    information: Array  # (n, q + K, q + K)
-    gradient: Array  # (n, q + K)
+    information: Array  # (n, q + K, q + K), or (1, q + K, q + K) of all shots together
+    gradient: Array  # (n, q + K), or (1, q + K)
     marginal_information: Array  # (K,) see `Scores`
     chi2: float  # weighted sum of squares
     count: int  # of residuals
@@ -106,11 +106,13 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
         candidates: what may be missing; of several with one name only the best is kept.
         quick: see `signature`.
     """
-    return scores_of(point, linearise(point, candidates, quick))
+    return scores_of(point, linearise(point, candidates, quick, together=True))
 
 
-def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False) -> Linearised:
-    """A fit with candidates beside it, see `score_all`, as quadratic losses of its shots."""
+def linearise(
+    point: Point, candidates: Sequence[Candidate], quick: bool = False, *, together: bool = False
+) -> Linearised:  # fmt: skip
+    """A fit with candidates beside it, see `score_all`, as quadratic losses of its shots, or of all together."""
     if candidates:
         log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
     problem = point.weighted
@@ -122,9 +124,16 @@ def linearise(point: Point, candidates: Sequence[Candidate], quick: bool = False
     several = Counter(one.name for one in candidates)
     signatures = tuple(signature_of(point, r, jx, one, quick or several[one.name] > 1) for one in candidates)
     own = np.moveaxis(np.concatenate([jx, jc], axis=2), 2, 0)
-    normal = from_columns(r, [*own, *(column for s in signatures for column in s.columns)], CAUCHY_SD)
-    information, gradient, _, _ = eliminated(normal, x, problem.prior)
-    marginal = np.einsum("nkk->k", normal.matrix)[jx.shape[2] + jc.shape[2] :]
+    columns, first = [*own, *(column for s in signatures for column in s.columns)], jx.shape[2] + jc.shape[2]
+    size = len(columns) - jx.shape[2]
+    groups = 1 if together else n
+    information, gradient = np.zeros((groups, size, size)), np.zeros((groups, size))
+    marginal = np.zeros(len(columns) - first)
+    for k, normal in enumerate(from_columns(r, columns, CAUCHY_SD)):
+        found = eliminated(normal, x[k : k + 1], problem.prior.only(np.array([k])))
+        information[k % groups] += found.information[0]
+        gradient[k % groups] += found.gradient[0]
+        marginal += normal.matrix[0].diagonal()[first:]
     chi2 = float(np.sum(weights(r, CAUCHY_SD) * np.nan_to_num(r) ** 2))
     return Linearised(signatures, information, gradient, marginal, chi2, int(np.isfinite(r).sum()))
 

@@ -57,8 +57,8 @@ class FitView(ABC):
         """Information (n, q, q) and gradient (n, q) of each on the constants, states eliminated."""
 
     @abstractmethod
-    def linearised(self, candidates: Sequence[Candidate]) -> Linearised:
-        """Its shots' losses with candidates beside it."""
+    def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
+        """Its shots' losses with candidates beside it, or those of all shots together."""
 
     @abstractmethod
     def with_effect(self, score: Score) -> Self:
@@ -98,7 +98,7 @@ class FitView(ABC):
 
     def scores(self, candidates: Sequence[Candidate]) -> Scores:
         """Of candidates beside it."""
-        return scores_of(self.point, self.linearised(candidates), self.design_effect)
+        return scores_of(self.point, self.linearised(candidates, together=True), self.design_effect)
 
     def scores_without(self, parameters: Collection[str], candidates: Sequence[Candidate]) -> Scores:
         """Of candidates beside the fit without what some parameters do, by the losses that its shots have with that.
@@ -110,7 +110,7 @@ class FitView(ABC):
         away = [
             c - m["off"] if m["off"] is not None else 0.0 for c, m in zip(point.constants[gone], metas, strict=True)
         ]
-        seen = self.linearised(candidates).held(np.flatnonzero(gone), np.array(away))
+        seen = self.linearised(candidates, together=True).held(np.flatnonzero(gone), np.array(away))
         rest = [name for name in self.names if name not in parameters]
         problem = point.problem.with_model(point.problem.model, rest)
         point = dataclasses.replace(point, problem=problem, constants=point.constants[~gone])

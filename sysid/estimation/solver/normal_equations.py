@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,17 +52,18 @@ def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
     return _summed(rows[0], rows[1:], np.ascontiguousarray(steps, float), c)
 
 
-def from_columns(residuals: Array, columns: Sequence[Array], c: float) -> NormalEquations:
-    """From residuals (n, m) and their finite derivatives by k unknowns, (n, m) each, which may be hundreds."""
-    n, k = len(residuals), len(columns)
-    found = NormalEquations(robust_loss(residuals, c), np.empty((n, k, k)), np.empty((n, k)))
+def from_columns(residuals: Array, columns: Sequence[Array], c: float) -> Iterator[NormalEquations]:
+    """From residuals (n, m) and their finite derivatives by k unknowns, (n, m) each: of one problem after the other.
+
+    There may be thousands of unknowns, so that the matrices of all problems would fill the memory.
+    """
     for one, r in enumerate(residuals):
         used = np.isfinite(r)
         root = 1.0 / np.sqrt(1.0 + (r[used] / c) ** 2)
-        rows = np.array([column[one, used] for column in columns]).reshape(k, root.size)
+        rows = np.array([column[one, used] for column in columns]).reshape(len(columns), root.size)
         rows *= root
-        found.matrix[one], found.gradient[one] = rows @ rows.T, rows @ (root * r[used])
-    return found
+        loss = robust_loss(residuals[one : one + 1], c)
+        yield NormalEquations(loss, (rows @ rows.T)[None], (rows @ (root * r[used]))[None])
 
 
 def from_derivatives(residuals: Array, rows: Array, c: float) -> NormalEquations:

@@ -8,7 +8,7 @@ pack, which has no outline against the cloth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
-from sysid.vision.balls.discs import Shutter, core_colour, known_disc, new_discs
+from sysid.vision.balls.discs import Shutter, core_colour, is_clear, known_disc, near_disc, new_discs, tell
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import ANY_BALL, face
 from sysid.vision.balls.names import names_by_faces
@@ -49,6 +49,18 @@ class Detection:
     coverage: float  # fraction of the outline that was seen
     score: float  # how well outline and colour fit, 0 to 1
     face_change: float = float("nan")  # of its face since the previous picture, 1 for noise alone
+    colour: Array | None = None  # (3,) red, green, blue of its face in white light, 0 to 1
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A ball that is followed, and where it is expected."""
+
+    name: str
+    xy: Array  # (2,) centre of its outline [pixels]
+    step: Array = field(default_factory=lambda: np.zeros(2))  # (2,) from frame to frame [pixels]
+    colour: Array | None = None  # (3,) of its face, as in `Detection`
+    reach: float = 0.0  # that a ball just struck or hit moves at most from frame to frame [pixels]
 
 
 @dataclass(frozen=True)
@@ -73,25 +85,21 @@ class Detector:
         return self.background.noise
 
     def find(
-        self, picture: Picture, expected: Sequence[tuple[str, Array]] = (), steps: Sequence[Array] = (),
-        shutter: Shutter | None = None,
+        self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None
     ) -> list[Detection]:  # fmt: skip
-        """Balls in a picture: all of them, or those expected by name near pixels (2,).
-
-        `steps` (2,) [pixels] are what the expected balls move from frame to frame, and `shutter` for how much of that.
-        """
+        """Balls in a picture: all of them, or those that are expected."""
         view = self.background.view(picture)
+        wanted = [one for one in expected if np.isfinite(one.xy).all()]
         if self.rough:
-            return self._discs(view, expected, steps, shutter or Shutter())
+            return self._followed(view, wanted, shutter or Shutter()) if expected else self._discs(view)
         if not expected:
             return self._outlines(view)
         found: list[Detection] = []
-        wanted = [(name, np.asarray(pixel, float)) for name, pixel in expected if np.isfinite(pixel).all()]
-        fits = fit_near(view, self.optics, [pixel for _, pixel in wanted])
-        for (name, pixel), fit in zip(wanted, fits, strict=True):
-            ball = self._ball(view, name, fit, found)
-            if ball is None or np.hypot(*(ball.xy - pixel)) > MAX_OFFSET_PX:
-                ball = self._around(view, name, pixel, found)
+        fits = fit_near(view, self.optics, [one.xy for one in wanted])
+        for one, fit in zip(wanted, fits, strict=True):
+            ball = self._ball(view, one.name, fit, found)
+            if ball is None or np.hypot(*(ball.xy - one.xy)) > MAX_OFFSET_PX:
+                ball = self._around(view, one.name, one.xy, found)
             if ball is not None:
                 found.append(ball)
         return found
@@ -110,27 +118,37 @@ class Detector:
         seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
         return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
 
-    def _discs(
-        self, view: View, expected: Sequence[tuple[str, Array]], steps: Sequence[Array], shutter: Shutter
-    ) -> list[Detection]:  # fmt: skip
-        """As `find`, by what the balls cover."""
+    def _discs(self, view: View) -> list[Detection]:
+        """All balls by what they cover."""
         found: list[Detection] = []
-        if self.palette is not None and not expected:
+        if self.palette is not None:
             small = view.geometry.radius(np.array(self.camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
-            return [_unnamed(fit) for fit in new_discs(view, None, kind="small" if small else "new")]
-        if not expected:
-            for name, colour in self.ball_colours:
-                for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):
-                    found += self._named_disc(view, name, fit, found)
-            return found
-        reach, colours = SEARCH_RADII[-1], dict(self.ball_colours)
-        for k, (name, pixel) in enumerate(expected):
-            if np.isfinite(pixel).all() and (name in colours or self.palette is not None):
-                step = steps[k] if len(steps) else np.zeros(2)
-                radius = view.geometry.radius(pixel)
-                shown = None if self.palette is not None else self._in_picture(view, colours[name], pixel)
-                one = known_disc(view, shown, pixel, step, reach * radius, shutter)
-                found += self._named_disc(view, name, one, found)
+            fits = new_discs(view, None, kind="small" if small else "new")
+            return [self._unnamed(view, fit) for fit in fits]
+        for name, colour in self.ball_colours:
+            for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):
+                found += self._named_disc(view, name, fit, found)
+        return found
+
+    def _followed(self, view: View, expected: Sequence[Expected], shutter: Shutter) -> list[Detection]:
+        """Expected balls by what they cover: those that are where they were expected, then the others elsewhere."""
+        colours, found, taken = dict(self.ball_colours), list[Detection](), list[DiscFit]()
+        known = [one for one in expected if one.name in colours or self.palette is not None]
+        shown = [None if self.palette else self._in_picture(view, colours[one.name], one.xy) for one in known]
+        near = [near_disc(view, colour, one.xy, one.step, shutter) for one, colour in zip(known, shown, strict=True)]
+        for elsewhere in (False, True):
+            for one, colour, quick in zip(known, shown, near, strict=True):
+                if is_clear(quick) == elsewhere:
+                    continue
+                fit = quick
+                if elsewhere:
+                    own = None if one.colour is None else self._in_picture(view, one.colour, one.xy)
+                    fit = known_disc(view, colour, one, quick, shutter, own, taken)
+                detection = self._named_disc(view, one.name, fit, found)
+                if fit is not None and detection:
+                    tell(shutter, fit, one, colour)
+                    taken.append(fit)
+                    found += detection
         return found
 
     def _in_picture(self, view: View, colour: Array, pixel: Array | None = None) -> Array:
@@ -146,7 +164,7 @@ class Detector:
         if fit is None or any(np.hypot(*(fit.xy - f.xy)) < MIN_SEPARATION_RADII * f.radius for f in found):
             return []
         if self.palette is not None:
-            return [replace(_unnamed(fit), name=name)]
+            return [replace(self._unnamed(view, fit), name=name)]
         light = self.background.light_at(view, fit.xy)
         colours = np.array([colour for _, colour in self.ball_colours]).clip(0, 1 / light[::-1])
         measured = (core_colour(view, fit) / (255 * light))[::-1]
@@ -154,7 +172,13 @@ class Detector:
         k = int(distances.argmin())
         if self.ball_colours[k][0] != name or distances[k] > MAX_COLOUR_DISTANCE:
             return []
-        return [replace(_unnamed(fit), name=name)]
+        return [replace(self._unnamed(view, fit), name=name)]
+
+    def _unnamed(self, view: View, fit: DiscFit) -> Detection:
+        """The detection of a disc, of any ball."""
+        colour = (core_colour(view, fit) / (255 * self.background.light_at(view, fit.xy)))[::-1]
+        score = fit.rim * (1 - fit.residual)
+        return Detection(ANY_BALL, fit.xy, fit.radius, fit.sd, fit.rim, score, colour=colour)
 
     def _identified(self, view: View, fit: OutlineFit) -> Detection | None:
         """The detection of this outline; None if its colour is that of no ball."""
@@ -188,10 +212,6 @@ class Detector:
             if near:
                 return min(near, key=lambda ball: float(np.hypot(*(ball.xy - pixel))))
         return None
-
-
-def _unnamed(fit: DiscFit) -> Detection:
-    return Detection(ANY_BALL, fit.xy, fit.radius, fit.sd, fit.rim, fit.rim * (1 - fit.residual))
 
 
 def outline_colour(background: Background, view: View, fit: OutlineFit) -> Array:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -19,7 +20,11 @@ from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import motion_blurred
 from sysid.vision.balls.cover import DiscFit, covered, fit_disc, is_white, swept_share
 from sysid.vision.balls.palette import colour_distance
+from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
+
+if TYPE_CHECKING:
+    from sysid.vision.balls.detect import Expected
 
 CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
 RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
@@ -42,6 +47,7 @@ MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
 MIN_SHUTTER_FITS = 4  # from which it is known
 MIN_EVEN_FITS = 16  # of white balls, fewer than those of them overexposed, that show that none is
 MISFIT_MARGIN = 0.02  # beyond that of the best fit, from which on another is no rival
+SEARCH_RADII = 6.0  # of the window in which a ball is sought that is not where it was expected
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
@@ -155,45 +161,65 @@ def is_disc(view: View, pixel: Array, *, patterned: bool = False) -> bool:
     return any(acceptable(fit_disc(view, colour, pixel, radius, motion), "new") for motion in motions)
 
 
+def near_disc(view: View, colour: Array | None, at: Array, step: Array, shutter: Shutter) -> DiscFit | None:
+    """A ball of this colour where it is expected, a pixel (2,), after a `step` (2,) [pixels]; None where it is not."""
+    radius = view.geometry.radius(at)
+    fit = _best(view, colour, at, step, radius, shutter)
+    near = fit is not None and math.hypot(*(fit.xy - at)) < NEAR_RADII * radius
+    return fit if near and acceptable(fit, "known") else None
+
+
+def is_clear(fit: DiscFit | None) -> bool:
+    """Whether a ball is so well seen that it need not be sought elsewhere."""
+    return fit is not None and fit.residual < CLEAR_RESIDUAL
+
+
 def known_disc(
-    view: View, colour: Array | None, expected: Array, step: Array, reach: float, shutter: Shutter
-) -> DiscFit | None:
-    """A ball of this colour, expected at a pixel (2,) after a `step` (2,) since the last frame [pixels]."""
-    radius = view.geometry.radius(expected)
-    last = expected - step
-    quick = _best(view, colour, expected, step, radius, shutter)
-    near = quick is not None and np.hypot(*(quick.xy - expected)) < NEAR_RADII * radius
-    sound = quick if quick is not None and near and acceptable(quick, "known") else None
-    if sound is not None and sound.residual < CLEAR_RESIDUAL:
-        chosen = sound
+    view: View, colour: Array | None, expected: Expected, sound: DiscFit | None, shutter: Shutter, own: Array | None,
+    taken: Sequence[DiscFit],
+) -> DiscFit | None:  # fmt: skip
+    """A ball of this colour that is not clearly seen where it is expected; `taken` are other balls.
+
+    `sound` is what is seen there after all. `own` (3,) is the colour of its face as it was seen, if it has several: of
+    a ball that is swept far, no more is seen than their mean.
+    """
+    radius, last = view.geometry.radius(expected.xy), expected.xy - expected.step
+    starts = [
+        at for at in peaks(view, colour, expected.xy, SEARCH_RADII * radius)
+        if all(math.hypot(*(at - one.xy)) > radius for one in taken)
+    ]  # fmt: skip
+    ranked = [_ranked(view, colour, at, at - last, radius, shutter) for at in starts]
+    if sound is not None:
+        limit = sound.misfit - MISFIT_MARGIN  # what is farther away must be better
     else:
-        starts = peaks(view, colour, expected, reach)
-        ranked = [_ranked(view, colour, at, at - last, radius, shutter) for at in starts]
-        if sound is not None:
-            limit = sound.misfit - MISFIT_MARGIN  # what is farther away must be better
-        else:
-            misfits = [quick.misfit if quick is not None else math.inf, *(misfit for misfit, _ in ranked)]
-            limit = min(misfits) + RANKING_MARGIN
-        hopeful = [(at, how) for at, (misfit, how) in zip(starts, ranked, strict=True) if misfit < limit]
-        fits = [quick, *(_best(view, colour, at, at - last, radius, shutter, how) for at, how in hopeful)]
-        found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]
-        if not found:
-            return None
-        least = min(fit.misfit for fit in found)
-        # Balls of any colour differ in how well they fit: of those that are clear, the nearest is meant.
-        rivals = [
-            fit for fit in found
-            if fit.misfit < least + MISFIT_MARGIN or (colour is None and fit.residual < CLEAR_RESIDUAL)
-        ]  # fmt: skip
-        chosen = min(rivals, key=lambda f: float(np.hypot(*(f.xy - expected))) + radius * f.misfit)
+        limit = min([misfit for misfit, _ in ranked], default=math.inf) + RANKING_MARGIN
+    hopeful = [(at, how) for at, (misfit, how) in zip(starts, ranked, strict=True) if misfit < limit]
+    fits = [sound, *(_best(view, colour, at, at - last, radius, shutter, how) for at, how in hopeful)]
+    if sound is None:
+        seen = colour if colour is not None else own
+        swept = strips(view, last, radius, max(expected.reach, SEARCH_RADII * radius), taken)
+        fits += [fit_disc(view, seen, one.xy, radius, one.motion) for one in swept]
+    found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]
+    if not found:
+        return None
+    least = min(fit.misfit for fit in found)
+    # Balls of any colour differ in how well they fit: of those that are clear, the nearest is meant.
+    rivals = [
+        fit for fit in found
+        if fit.misfit < least + MISFIT_MARGIN or (colour is None and fit.residual < CLEAR_RESIDUAL)
+    ]  # fmt: skip
+    return min(rivals, key=lambda f: math.hypot(*(f.xy - expected.xy)) + radius * f.misfit)
+
+
+def tell(shutter: Shutter, fit: DiscFit, expected: Expected, colour: Array | None) -> None:
+    """What a fit tells of the shutter, if anything."""
     # A ball that has just been struck or has struck another did not move evenly: it tells nothing of the exposure.
-    moved = math.hypot(*(chosen.xy - last))
-    even = math.hypot(*(chosen.xy - expected)) < MAX_UNEVENNESS * moved
-    if even and moved > MIN_SWEEP_RADII * radius and len(shutter.tried(colour)) > 1:
-        shutter.fractions.append(math.hypot(*chosen.motion) / moved)
+    moved = math.hypot(*(fit.xy - (expected.xy - expected.step)))
+    even = math.hypot(*(fit.xy - expected.xy)) < MAX_UNEVENNESS * moved
+    if even and moved > MIN_SWEEP_RADII * fit.radius and len(shutter.tried(colour)) > 1:
+        shutter.fractions.append(math.hypot(*fit.motion) / moved)
         if is_white(colour):
-            shutter.gains.append(chosen.gain)
-    return chosen
+            shutter.gains.append(fit.gain)
 
 
 def _best(

@@ -15,18 +15,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from models.shot import NOSE_COSINE
+from sysid.vision.balls.detect import Detection, Expected
+from sysid.vision.balls.palette import colour_distance
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.prediction import State, predict_impacts
-
-if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detection
 
 MIN_DETECTION_SD_PX = 0.2  # added to the standard deviation that the detector estimates
 MAX_STRIKE_SPEED_M_S = 10.0  # speed of a ball after the fastest strikes [m/s]
@@ -43,6 +42,9 @@ MAX_MISSED_FRAMES = 2  # in a row, after which it is undone if unconfirmed
 MIN_TRACK_DETECTIONS = 10  # of a track that is returned
 UNCONFIRMED_HYPOTHESES = ("jump", "again")  # that need further detections
 MIN_SEPARATION_RADII = 1.2  # between the detections of two balls
+FACE_COLOUR_SD = 0.15  # of the mean colour that a ball shows, as it turns and in other light
+MAX_COLOUR_COST = 15.0  # of a ball of another colour: a hand may be over it, or a lamp in it
+COLOUR_MEMORY = 0.1  # part of a detection in the mean colour
 CONVERSION_BATCH = 4000  # detections projected to the table at a time
 
 Position = tuple[float, float, float, float]  # time [s], x, y [m] and variance [m^2] of a detection
@@ -80,6 +82,20 @@ class _Ball:
     before_jump: tuple[State, int] | None = None  # of an unconfirmed jump: state and number of points before it
     smooth: State | None = None  # predicted for the current frame without impacts
     impact: State | None = None  # and through impacts
+    colour: Array | None = None  # (3,) of its face, mean over the last detections
+
+    def look(self, seen: Detection) -> None:
+        """Take the colour of a detection into the mean."""
+        if seen.colour is not None and np.isfinite(seen.colour).all():
+            part = 1.0 if self.colour is None else COLOUR_MEMORY
+            self.colour = part * seen.colour + (1 - part) * (seen.colour if self.colour is None else self.colour)
+
+    def unlike(self, seen: Detection) -> float:
+        """Negative log likelihood of the colour of a detection as this ball's, which turns as it rolls."""
+        if self.colour is None or seen.colour is None or not np.isfinite(seen.colour).all():
+            return 0.0
+        off = float(colour_distance(seen.colour, self.colour)) / FACE_COLOUR_SD
+        return min(off * off / 2, MAX_COLOUR_COST)
 
     def undo(self) -> None:
         """Return to the state before an unconfirmed jump."""
@@ -121,22 +137,21 @@ class Follower:
     balls: list[_Ball] = field(default_factory=list)
     _forecast: float = math.nan  # time of the current predictions [s]
 
-    def expected(self, time: float) -> list[tuple[str, Array]]:
-        """Names of the balls and predicted centres of their outlines at a time [s]: (2,) [pixels]."""
+    def expected(self, time: float, period: float) -> list[Expected]:
+        """The balls that are followed, where they are expected at a time [s], frames being a period [s] apart."""
         self._predict(time)
-        predictions = [(ball.name, ball.impact or ball.smooth) for ball in self.balls]
-        points = [(name, (s.x, s.y, self.camera.radius)) for name, s in predictions if s is not None]
-        pixels = self.camera.project(np.array([place for _, place in points]))
-        return [(name, px) for (name, _), px in zip(points, pixels, strict=True)]
-
-    def steps(self, period: float) -> list[Array]:
-        """What the balls that `expected` names move in the picture in a period [s]: (2,) [pixels] each."""
-        radius, states = self.camera.radius, [s for b in self.balls if (s := b.impact or b.smooth) is not None]
+        states = [(ball, state) for ball in self.balls if (state := ball.impact or ball.smooth) is not None]
         if not states:
             return []
-        ends = [(s.x - part * s.u * period, s.y - part * s.v * period, radius) for part in (0, 1) for s in states]
+        radius = self.camera.radius
+        ends = [(s.x - part * s.u * period, s.y - part * s.v * period, radius) for part in (0, 1) for _, s in states]
         pixels = self.camera.project(np.array(ends))
-        return list(pixels[: len(states)] - pixels[len(states) :])
+        steps = pixels[: len(states)] - pixels[len(states) :]
+        farthest = MAX_STRIKE_SPEED_M_S * period / radius  # [radii]
+        return [
+            Expected(ball.name, at, step, ball.colour, farthest * ball.points[-1].radius)
+            for (ball, _), at, step in zip(states, pixels, steps, strict=False)
+        ]
 
     @property
     def seeking(self) -> bool:
@@ -156,9 +171,10 @@ class Follower:
         found: dict[int, _Ball] = {}
         for name in dict.fromkeys(seen[k].name for k in positions):
             same_name = {k: place for k, place in positions.items() if seen[k].name == name}
-            found |= self._associate([b for b in self.balls if b.name == name], same_name)
+            found |= self._associate([b for b in self.balls if b.name == name], same_name, seen)
         for k, ball in found.items():
             ball.points.append(_point(index, positions[k][0], seen[k]))
+            ball.look(seen[k])
         self._count_missed({id(ball) for ball in found.values()})
         new = [ball for ball in found.values() if not ball.confirmed]
         self._confirm([ball for ball in new if len(ball.points) >= CONFIRMING_DETECTIONS])
@@ -222,7 +238,9 @@ class Follower:
         for ball, state in zip(recent, after_impact, strict=True):
             ball.impact = state
 
-    def _associate(self, balls: Sequence[_Ball], positions: Positions) -> dict[int, _Ball]:
+    def _associate(
+        self, balls: Sequence[_Ball], positions: Positions, seen: Sequence[Detection]
+    ) -> dict[int, _Ball]:  # fmt: skip
         """Assign detections to the balls of one name at the least total cost, and update their states."""
         keys = list(positions)
         known = [b.state for b in self.balls if b.smooth and b.confirmed]
@@ -232,7 +250,10 @@ class Follower:
         costs = np.empty((len(balls), len(keys) + len(balls)))
         for i, hypotheses in enumerate(options):
             costs[i] = MISSED_COST if balls[i].confirmed else UNCONFIRMED_COST
-            costs[i, : len(keys)] = [min(cost, MISSED_COST) for cost, _, _ in hypotheses]
+            costs[i, : len(keys)] = [
+                min(cost + balls[i].unlike(seen[k]), MISSED_COST)
+                for k, (cost, _, _) in zip(keys, hypotheses, strict=True)
+            ]
         found = {}
         for i, j in zip(*linear_sum_assignment(costs), strict=True) if len(balls) else ():
             if j >= len(keys) or costs[i, j] >= costs[i, -1]:
@@ -282,7 +303,7 @@ class Follower:
             time, x, y, variance = positions[k]
             if all(math.hypot(x - a, y - b) > MIN_SEPARATION_RADII * self.camera.radius for a, b in there):
                 state = State(time, x, y, 0.0, 0.0, variance, 0.0, (MAX_STRIKE_SPEED_M_S / 3) ** 2)
-                self.balls.append(_Ball(seen[k].name, state, [_point(index, time, seen[k])]))
+                self.balls.append(_Ball(seen[k].name, state, [_point(index, time, seen[k])], colour=seen[k].colour))
                 there.append((x, y))
 
 

@@ -36,7 +36,7 @@ from sysid.vision.tracks.strikes import TrackedShot, split_shots
 from sysid.vision.tracks.unsaid import unsaid
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detection, Detector
+    from sysid.vision.balls.detect import Detection, Detector, Expected
     from sysid.vision.frames import Footage, Frame, Picture
 
     Watch = Callable[[Frame, Sequence[Detection]], None]
@@ -137,11 +137,11 @@ def _followed(
         if again:
             continue
         standing.see(frame.picture, frame.time)
-        expected = follower.expected(frame.time)
-        full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
         # A given exposure is a part of the time between frames; one that is estimated, of that between pictures.
         period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
-        seen = _detect(detector, frame.picture, expected, follower.steps(period), shutter, full_search)
+        expected = follower.expected(frame.time, period)
+        full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
+        seen = _detect(detector, frame.picture, expected, shutter, full_search)
         if previous is not None:
             turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
@@ -167,11 +167,10 @@ def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: floa
 
 
 def _detect(
-    detector: Detector, picture: Picture, expected: Sequence[tuple[str, Array]], steps: Sequence[Array],
-    shutter: Shutter, full_search: bool,
+    detector: Detector, picture: Picture, expected: Sequence[Expected], shutter: Shutter, full_search: bool
 ) -> list[Detection]:  # fmt: skip
     """The expected balls, and all others where the whole picture is searched."""
-    detections = list(detector.find(picture, expected, steps, shutter)) if expected else []
+    detections = list(detector.find(picture, expected, shutter)) if expected else []
     for one in detector.find(picture) if full_search else ():
         if all(np.hypot(*(one.xy - other.xy)) > SAME_BALL_RADII * other.radius for other in detections):
             detections.append(one)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
-from sysid.vision.balls.detect import Detection, Detector
+from sysid.vision.balls.detect import Detection, Detector, Expected
 from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
 from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.palette import default_palette, group_colours, read_palette
@@ -182,7 +182,7 @@ def test_nothing_is_found_where_there_is_no_ball(tmp_path: Path) -> None:
         pictures.append(picture)
     assert [detector.find(p) for p in pictures] == [[]] * len(pictures)
     middle = np.array([240.0, 180.0])
-    assert all(detector.find(p, [("white", middle), ("red", middle + 30)]) == [] for p in pictures)
+    assert all(detector.find(p, [Expected("white", middle), Expected("red", middle + 30)]) == [] for p in pictures)
 
 
 def test_a_circle_of_light_is_no_ball_however_long_it_stays(tmp_path: Path) -> None:
@@ -211,9 +211,13 @@ def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path
     for picture in pictures:
         cv2.circle(picture, (int(pocket[0]), int(pocket[1])), 24, (0, 0, 0), -1)
     detector = learnt(tmp_path / "f", camera, pictures)
-    (found,) = detector.find(pictures[0], [("white", camera.outline(np.array([[0.2, 0.1]]))[0]), ("red", pocket)])
+    (found,) = detector.find(
+        pictures[0], [Expected("white", camera.outline(np.array([[0.2, 0.1]]))[0]), Expected("red", pocket)]
+    )
     assert found.name == "white"
-    assert [s.name for s in detector.find(pictures[2], [("white", pocket)]) if np.hypot(*(s.xy - pocket)) < 24] == []
+    assert [
+        s.name for s in detector.find(pictures[2], [Expected("white", pocket)]) if np.hypot(*(s.xy - pocket)) < 24
+    ] == []
 
 
 @pytest.mark.slow

@@ -136,7 +136,7 @@ def sightings(
 def followed(seen: Iterator[list[Detection]], fps: float = FPS, camera: Camera = CAMERA) -> tuple[BallTrack, ...]:
     follower = Follower(camera)
     for index, some in enumerate(seen):
-        follower.expected(index / fps)
+        follower.expected(index / fps, 1 / fps)
         follower.update(index, index / fps, some)
     return follower.tracks()
 

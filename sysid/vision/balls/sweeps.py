@@ -1,0 +1,82 @@
+"""Balls that moved far while the shutter was open: strips that lead away from where a ball was last seen.
+
+In: a picture beside the background, and the place that a ball has left. Out: middles and motions of strips as wide as
+a ball. A ball that was struck, or hit, moves straight on until its next impact, so its strip lies on a ray from there;
+on a strip the table is hidden, and beside it it is not. What other balls explain is taken away first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from sysid.vision.balls.background import View
+from sysid.vision.balls.cover import DiscFit, not_table
+from sysid.vision.balls.view_geometry import Array, Image
+
+DIRECTIONS = 72  # of rays; one between two of them lies off by a radius at most at 23 radii
+STEPS_PER_RADIUS = 3  # along a ray
+ACROSS_RADII = (-0.55, 0.0, 0.55)  # on a strip,
+BESIDE_RADII = (-1.5, 1.5)  # and beside it
+MIN_SHOWN = 0.5  # of what is not the table, more on the strip than beside it
+TAKEN_RADII = 1.3  # about a ball that is explained
+MAX_STRIPS = 4
+SPREAD_RADII = 1.0  # between the middles of two different strips
+END_RADII = 0.9  # from the last place of a disc to the end that its strip shows
+
+
+def strips(view: View, origin: Array, radius: float, reach: float, taken: Sequence[DiscFit]) -> list[DiscFit]:
+    """Strips from a pixel (2,) on, no farther than `reach` [pixels], the clearest first; not fitted yet."""
+    shown, corner = _shown(view, origin, reach + 2 * radius, radius, taken)
+    angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
+    along = np.arange(1, math.ceil(STEPS_PER_RADIUS * reach / radius) + 1) * radius / STEPS_PER_RADIUS
+    score = _on(shown, origin - corner, angles, along, radius, ACROSS_RADII).min(axis=0)
+    score -= _on(shown, origin - corner, angles, along, radius, BESIDE_RADII).max(axis=0)
+    found = []
+    for angle, row in zip(angles, score - MIN_SHOWN, strict=True):
+        total, first, last = _best_run(row)
+        way = np.array([math.cos(angle), math.sin(angle)])
+        length = along[last] - along[first] + radius / STEPS_PER_RADIUS - 2 * END_RADII * radius
+        if total > 0 and length > 0:
+            found.append((total, origin + (along[first] + along[last]) / 2 * way, length * way))
+    kept: list[DiscFit] = []
+    for total, middle, motion in sorted(found, key=lambda one: -one[0]):
+        if all(np.hypot(*(middle - other.xy)) > SPREAD_RADII * radius for other in kept):
+            kept.append(DiscFit(middle, radius, motion, 1.0, 0.0, 0.0, -total, 1.0, 0.0))
+    return kept[:MAX_STRIPS]
+
+
+def _shown(view: View, origin: Array, reach: float, radius: float, taken: Sequence[DiscFit]) -> tuple[Image, Array]:
+    """What is not the table around a pixel (2,), and the first pixel of it (2,); nothing where balls are known."""
+    window, table, corner = view.window(origin, reach)
+    shown = not_table(window, table)
+    for one in taken:
+        ends = [tuple(np.rint(one.xy - corner + part * one.motion).astype(int).tolist()) for part in (-0.5, 0.5)]
+        cv2.line(shown, ends[0], ends[1], 0.0, max(1, round(2 * TAKEN_RADII * radius)))
+    return shown, corner
+
+
+def _on(shown: Image, origin: Array, angles: Array, along: Array, radius: float, across: Sequence[float]) -> Image:
+    """What is shown at places (k, angles, along) beside rays from a pixel (2,)."""
+    c, s = np.cos(angles)[None, :, None], np.sin(angles)[None, :, None]
+    aside = radius * np.array(across)[:, None, None]
+    x, y = origin[0] + along * c - aside * s, origin[1] + along * s + aside * c
+    shape = x.shape
+    columns, rows = (np.asarray(v, np.float32).reshape(-1, shape[2]) for v in (x, y))
+    seen = cv2.remap(shown, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0)
+    return np.asarray(seen).reshape(shape)
+
+
+def _best_run(row: Array) -> tuple[float, int, int]:
+    """The run of values (n,) with the greatest sum: its sum, first and last."""
+    best, total, start = (0.0, 0, 0), 0.0, 0
+    for k, value in enumerate(row.tolist()):
+        if total <= 0:
+            total, start = 0.0, k
+        total += value
+        if total > best[0]:
+            best = (total, start, k)
+    return best
