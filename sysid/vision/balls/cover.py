@@ -78,6 +78,15 @@ def cover(window: Image, table: Image, colour: Array | Image) -> Image:
     return np.asarray(_cover(np.asarray(window, np.float32), np.asarray(table, np.float32), ball, several))
 
 
+def cover_sd(view: View, colour: Array, pixel: Array) -> float:
+    """How wrong cover may be by the error of a ball's colour (3,), the more so the more it looks like shaded table."""
+    height, width = view.table.shape[:2]
+    row, column = (min(max(round(float(v)), 0), size - 1) for v, size in zip(pixel[::-1], (height, width), strict=True))
+    table, prior = view.table[row, column] * view.gain, (COLOUR_ERROR_GREY / SHADE_SD) ** 2
+    tt, tb, bb = prior + table @ table, prior + table @ colour, prior + colour @ colour
+    return COLOUR_ERROR_GREY * math.sqrt(tt / max(tt * bb - tb * tb, 1e-3 * bb * tt))
+
+
 @compiled
 def _cover(window: Image, table: Image, ball: Image, several: bool) -> Image:
     """As `cover`, by a ball of one colour (1, 1, 3) or of several (rows, columns, 3)."""

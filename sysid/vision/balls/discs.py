@@ -18,7 +18,7 @@ import numpy as np
 
 from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import motion_blurred
-from sysid.vision.balls.cover import DiscFit, covered, fit_disc, is_white, swept_share
+from sysid.vision.balls.cover import DiscFit, cover_sd, covered, fit_disc, is_white, swept_share
 from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
@@ -30,9 +30,9 @@ CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
 RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
 MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
 MAX_PEAKS = {"one": 6, "any": 40}  # in a picture, of one colour and of any
-MIN_RIM = {"new": 0.75, "small": 0.75, "known": 0.5}  # of a ball found, a small one of any colours, and one followed
-MIN_HEIGHT = 0.6
-MAX_RESIDUAL = {"new": 0.3, "small": 0.2, "known": 0.4}  # of cover
+MIN_RIM = {"new": 0.75, "small": 0.75, "known": 0.5, "swept": 0.5}  # a small ball of any colours, one that moved far
+MIN_HEIGHT = {"new": 0.6, "small": 0.6, "known": 0.6, "swept": 0.3}  # an impact divides the exposure of a swept one
+MAX_RESIDUAL = {"new": 0.3, "small": 0.2, "known": 0.4, "swept": 0.4}  # of cover
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
@@ -119,10 +119,13 @@ def peaks(view: View, colour: Array | None, centre: Array | None = None, reach: 
     return [corner + cell * (np.array([across[k], down[k]]) + 0.5) - 0.5 for k in order]
 
 
-def acceptable(fit: DiscFit | None, kind: str) -> bool:
-    """Whether a fit shows a ball, which is `new`, `small` or `known`."""
+def acceptable(fit: DiscFit | None, kind: str, error: float = 0.0) -> bool:
+    """Whether a fit to cover of a standard error shows a ball, which is `new`, `small`, `known` or `swept`."""
     return (
-        fit is not None and fit.rim >= MIN_RIM[kind] and fit.height > MIN_HEIGHT and fit.residual < MAX_RESIDUAL[kind]
+        fit is not None
+        and fit.rim >= MIN_RIM[kind]
+        and fit.height > MIN_HEIGHT[kind]
+        and fit.residual < math.hypot(MAX_RESIDUAL[kind], error)
     )
 
 
@@ -195,11 +198,14 @@ def known_disc(
         limit = min([misfit for misfit, _ in ranked], default=math.inf) + RANKING_MARGIN
     hopeful = [(at, how) for at, (misfit, how) in zip(starts, ranked, strict=True) if misfit < limit]
     fits = [sound, *(_best(view, colour, at, at - last, radius, shutter, how) for at, how in hopeful)]
+    far, error = list[DiscFit | None](), 0.0
     if sound is None:
         seen = colour if colour is not None else own
-        swept = strips(view, last, radius, max(expected.reach, SEARCH_RADII * radius), taken)
-        fits += [fit_disc(view, seen, one.xy, radius, one.motion) for one in swept]
+        swept = strips(view, seen, last, radius, max(expected.reach, SEARCH_RADII * radius), taken)
+        far = [fit_disc(view, seen, one.xy, radius, one.motion) for one in swept]
+        error = 0.0 if seen is None else cover_sd(view, seen, last)
     found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]
+    found += [fit for fit in far if fit is not None and acceptable(fit, "swept", error)]
     if not found:
         return None
     least = min(fit.misfit for fit in found)

@@ -2,7 +2,8 @@
 
 In: a picture beside the background, and the place that a ball has left. Out: middles and motions of strips as wide as
 a ball. A ball that was struck, or hit, moves straight on until its next impact, so its strip lies on a ray from there;
-on a strip the table is hidden, and beside it it is not. What other balls explain is taken away first.
+on a strip the ball hides the table for a part of the time, and beside it never. What other balls explain is taken
+away first.
 """
 
 from __future__ import annotations
@@ -14,23 +15,25 @@ import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
-from sysid.vision.balls.cover import DiscFit, not_table
+from sysid.vision.balls.cover import DiscFit, covered
 from sysid.vision.balls.view_geometry import Array, Image
 
 DIRECTIONS = 72  # of rays; one between two of them lies off by a radius at most at 23 radii
 STEPS_PER_RADIUS = 3  # along a ray
 ACROSS_RADII = (-0.55, 0.0, 0.55)  # on a strip,
 BESIDE_RADII = (-1.5, 1.5)  # and beside it
-MIN_SHOWN = 0.5  # of what is not the table, more on the strip than beside it
+MIN_SHOWN = 0.15  # of a ball, more on the strip than beside it: one that is swept by six diameters covers it so long
 TAKEN_RADII = 1.3  # about a ball that is explained
 MAX_STRIPS = 4
 SPREAD_RADII = 1.0  # between the middles of two different strips
 END_RADII = 0.9  # from the last place of a disc to the end that its strip shows
 
 
-def strips(view: View, origin: Array, radius: float, reach: float, taken: Sequence[DiscFit]) -> list[DiscFit]:
-    """Strips from a pixel (2,) on, no farther than `reach` [pixels], the clearest first; not fitted yet."""
-    shown, corner = _shown(view, origin, reach + 2 * radius, radius, taken)
+def strips(
+    view: View, colour: Array | None, origin: Array, radius: float, reach: float, taken: Sequence[DiscFit]
+) -> list[DiscFit]:  # fmt: skip
+    """Strips of a colour (3,) from a pixel (2,) on, `reach` [pixels] long at most, the clearest first; not fitted."""
+    shown, corner = _shown(view, colour, origin, reach + 2 * radius, radius, taken)
     angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
     along = np.arange(1, math.ceil(STEPS_PER_RADIUS * reach / radius) + 1) * radius / STEPS_PER_RADIUS
     score = _on(shown, origin - corner, angles, along, radius, ACROSS_RADII).min(axis=0)
@@ -49,10 +52,14 @@ def strips(view: View, origin: Array, radius: float, reach: float, taken: Sequen
     return kept[:MAX_STRIPS]
 
 
-def _shown(view: View, origin: Array, reach: float, radius: float, taken: Sequence[DiscFit]) -> tuple[Image, Array]:
-    """What is not the table around a pixel (2,), and the first pixel of it (2,); nothing where balls are known."""
+def _shown(
+    view: View, colour: Array | None, origin: Array, reach: float, radius: float, taken: Sequence[DiscFit]
+) -> tuple[Image, Array]:  # fmt: skip
+    """Cover by a ball around a pixel (2,), and the first pixel of it (2,); none where other balls are known."""
     window, table, corner = view.window(origin, reach)
-    shown = not_table(window, table)
+    x0, y0 = (int(v) for v in corner)
+    on_table = view.geometry.ball_region[y0 : y0 + window.shape[0], x0 : x0 + window.shape[1]]
+    shown = np.where(on_table, covered(window, table, colour), np.float32(0.0))
     for one in taken:
         ends = [tuple(np.rint(one.xy - corner + part * one.motion).astype(int).tolist()) for part in (-0.5, 0.5)]
         cv2.line(shown, ends[0], ends[1], 0.0, max(1, round(2 * TAKEN_RADII * radius)))

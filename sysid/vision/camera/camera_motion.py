@@ -122,7 +122,7 @@ class CameraWatch:
         self._view = None if camera.sides is None else SideView(camera, camera.sides)
         self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * camera.pixel)
         self._looked = -math.inf  # when [s]
-        self.moved: list[tuple[float, float]] = []  # when [s] it stands elsewhere, and how far: rms over the table [m]
+        self.looks: list[tuple[float, float]] = []  # when [s], and how far it stands elsewhere: rms over the table [m]
 
     def see(self, picture: Picture, time: float) -> None:
         """The picture taken at a time [s]."""
@@ -130,13 +130,21 @@ class CameraWatch:
             return
         self._looked = time
         found = self._view.camera_in([picture])
-        if found is not None and (by := apart(self._camera, found)) > self._limit:
-            self.moved.append((time, by))
+        if found is not None:
+            self.looks.append((time, apart(self._camera, found)))
 
     def moved_by(self, begins: float, ends: float) -> float:
-        """How far the camera moves in a span of time [s], rms over the table [m]; 0 where it stays."""
-        near = (by for time, by in self.moved if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S)
-        return max(near, default=0.0)
+        """How far the camera moves in a span of time [s], rms over the table [m]; 0 where it stays.
+
+        Two looks in a row must say so: what covers a side for a moment moves no camera.
+        """
+        by = [0.0, *(by for _, by in self.looks), 0.0] if len(self.looks) > 1 else [by for _, by in self.looks] * 3
+        lasting = [min(by[k + 1], max(by[k], by[k + 2])) for k in range(len(self.looks))]
+        near = (
+            far for (time, _), far in zip(self.looks, lasting, strict=True)
+            if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S
+        )  # fmt: skip
+        return max((far for far in near if far > self._limit), default=0.0)
 
 
 def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple[str, ...]]:

@@ -149,7 +149,7 @@ class Follower:
         steps = pixels[: len(states)] - pixels[len(states) :]
         farthest = MAX_STRIKE_SPEED_M_S * period / radius  # [radii]
         return [
-            Expected(ball.name, at, step, ball.colour, farthest * ball.points[-1].radius)
+            Expected(ball.name, at, step, ball.colour, (1 + ball.missed) * farthest * ball.points[-1].radius)
             for (ball, _), at, step in zip(states, pixels, steps, strict=False)
         ]
 

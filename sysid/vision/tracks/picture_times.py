@@ -87,20 +87,20 @@ def set_right(found: TimedTracks, twice: NDArray[np.bool_], camera: Camera) -> T
         times, period = even
         found = found.at(times, f"pictures were taken at an even {1 / period:.3g} a second: times set right")
         found = replace(found, rate=1 / period)
-    gaps = _gaps(found, period, sigma)
+    gaps = _gaps(found, period, sigma, camera.radius)
     conversion = regular_gaps(gaps)
     if conversion is not None:
         found = found.at(conversion.source_times(found.frames, found.times, period), conversion.text(period))
         period *= conversion.share
         found = replace(found, rate=1 / period)
-        gaps = _gaps(found, period, sigma)
+        gaps = _gaps(found, period, sigma, camera.radius)
     notes = [f"before frame {f} {n} missing, though stamps are even: later stamps set right" for f, n in gaps.items()]
     return found.at(found.times + delays(found.frames, gaps, period), *notes)
 
 
-def _gaps(found: TimedTracks, period: float, sigma: float) -> dict[int, int]:
-    """Missing pictures, by the frame after them, of a film with pictures at this interval [s]."""
-    tracks = [without_outliers(track, sigma, []) for track in found.tracks]
+def _gaps(found: TimedTracks, period: float, sigma: float, radius: float) -> dict[int, int]:
+    """Missing pictures, by the frame after them, of a film with pictures at an interval [s]; balls of a radius [m]."""
+    tracks = [without_outliers(track, sigma, radius, []) for track in found.tracks]
     return missing(tracks, found.frames, period, sigma)
 
 

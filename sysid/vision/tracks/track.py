@@ -185,7 +185,7 @@ def tracked(
     scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
     initial_noise = difference_noise(scene, resting=True)
     scene = replace(scene, sigma=initial_noise if math.isfinite(initial_noise) else DEFAULT_NOISE_RADII * camera.radius)
-    scene = replace(scene, tracks=[without_outliers(track, scene.sigma, notes) for track in tracks])
+    scene = replace(scene, tracks=[without_outliers(track, scene.sigma, camera.radius, notes) for track in tracks])
     noise = estimate_noise(scene)
     if math.isfinite(noise.sigma):
         scene = replace(scene, sigma=max(noise.sigma, 1e-6), rest_sigma=initial_noise)
