@@ -136,9 +136,9 @@ class CameraWatch:
     def moved_by(self, begins: float, ends: float) -> float:
         """How far the camera moves in a span of time [s], rms over the table [m]; 0 where it stays.
 
-        Two looks in a row must say so: what covers a side for a moment moves no camera.
+        Two looks in a row must say so, if there are two: what covers a side for a moment moves no camera.
         """
-        by = [0.0, *(by for _, by in self.looks), 0.0] if len(self.looks) > 1 else [by for _, by in self.looks] * 3
+        by = [math.inf, *(by for _, by in self.looks), math.inf]
         lasting = [min(by[k + 1], max(by[k], by[k + 2])) for k in range(len(self.looks))]
         near = (
             far for (time, _), far in zip(self.looks, lasting, strict=True)

@@ -165,7 +165,9 @@ def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int,
     for k, rest in enumerate(bounds):
         stop = resting[k][0] if k < len(resting) else n
         if rest is None:
-            if stop > MIN_REST_DETECTIONS:
+            end = rest_place(track, *resting[0]) if resting else track.xy[stop - 1]
+            far = np.linalg.norm(track.xy[:stop] - end, axis=1) > scene.radius / 2
+            if stop > MIN_REST_DETECTIONS and far.sum() > 1:
                 found.append(Move(track, 0, stop, None, -1))
             continue
         count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)

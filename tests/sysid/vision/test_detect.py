@@ -93,7 +93,9 @@ def errors(
     for i, (picture, row) in enumerate(zip(pictures, places, strict=True)):
         truth = camera.outline(row)
         guesses = truth + rng.uniform(-off, off, truth.shape)
-        found = {s.name: s for s in detector.find(picture, list(zip(names, guesses, strict=True)))}
+        found = {
+            s.name: s for s in detector.find(picture, [Expected(*one) for one in zip(names, guesses, strict=True)])
+        }
         for j, name in enumerate(names):
             if name in found:
                 out[i, j] = found[name].xy - truth[j]

@@ -16,11 +16,11 @@ from models.console import Progress
 from models.errors import BadInput
 from models.model_file import full_model
 from models.recording.video import Sightings, write_track
-from models.shot import Array, Shot, Table
+from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
-from sysid.vision.balls.detect import Detection, Detector
+from sysid.vision.balls.detect import Detection, Detector, Expected
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.camera.projection import write_camera
 from sysid.vision.frames import Footage, Frame, Picture
@@ -69,14 +69,14 @@ class Knowing:
         self.asked = [0, 0]
 
     def find(
-        self, picture: Picture, expected: Sequence[tuple[str, Array]] = (), steps: Sequence[Array] = (),
-        shutter: Shutter | None = None,
+        self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None
     ) -> list[Detection]:  # fmt: skip
         index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
         self.asked[bool(expected)] += 1
         if not expected:
             return self.seen[index]
-        return [s for s in self.seen[index] for name, px in expected if s.name == name and np.hypot(*(s.xy - px)) < 60]
+        near = [(s, one) for s in self.seen[index] for one in expected if s.name == one.name]
+        return [s for s, one in near if np.hypot(*(s.xy - one.xy)) < 60]
 
 
 @pytest.fixture(scope="module")
