@@ -55,6 +55,7 @@ class DetectedBalls:
     position: Array  # (n, 2) [m]
     notes: tuple[str, ...]  # what was assumed, left out or is in doubt, in plain words
     camera_doubts: tuple[str, ...] = ()  # why the camera that saw them is not to be trusted
+    cue_doubts: tuple[str, ...] = ()  # which balls may be the cue ball, where that is not sure
 
 
 def scene_from_picture(
@@ -96,6 +97,8 @@ def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene
         cue = next((name for name in CUE_BALL_NAMES if name in found.names), None)
         if cue is None:
             raise BadInput(f"{where}: no white ball among {listed(found.names)}: name the cue ball")
+        if found.cue_doubts:
+            raise BadInput(f"{where}: {'; '.join(found.cue_doubts)}: look, and name the cue ball with --cue")
         wanted["cue"] = cue
     sizes = {
         "table": {"length": found.table.length, "width": found.table.width, "pockets": found.table.pockets},
@@ -138,7 +141,7 @@ def balls_in_picture(
     notes = list(detector.notes)
     detections = detector.named(pictures[-1], detector.find(pictures[-1]))
     notes += _unrecognised(detector, camera, pictures[-1], detections)
-    balls = _numbered(detections, dict(zip(palette.names, palette.counts, strict=True)), notes)
+    balls = _numbered(detections, palette.known, notes)
     if not balls:
         raise BadInput(
             f"{path}: no ball is seen in the last frame; is {camera_path} its camera, and are its balls lit?"
@@ -155,7 +158,20 @@ def balls_in_picture(
         mass, game = usual_mass(camera.diameter)
         notes.append(f"mass {mass:.4f} kg, that of a {game} ball of this size")
     found = _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
-    return replace(found, camera_doubts=camera.doubts)
+    return replace(found, camera_doubts=camera.doubts, cue_doubts=_cue_doubts(balls, found))
+
+
+def _cue_doubts(balls: Mapping[str, Detection], found: DetectedBalls) -> tuple[str, ...]:
+    """Which balls may be the cue ball, or another one, by what they look like."""
+    from sysid.vision.balls.names import SURE
+
+    doubts = []
+    for name, xy in zip(found.names, found.position, strict=True):
+        one, cue = balls[name], set(CUE_BALL_NAMES)
+        if one.odds < SURE and {one.name, one.other} & cue:
+            at = f"{xy[0]:.2f}, {xy[1]:.2f} m"
+            doubts.append(f"{name} at {at} may be {one.other} ({100 * (1 - one.odds):.0f} %)")
+    return tuple(doubts)
 
 
 def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> DetectedBalls:

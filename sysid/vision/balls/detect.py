@@ -50,6 +50,8 @@ class Detection:
     score: float  # how well outline and colour fit, 0 to 1
     face_change: float = float("nan")  # of its face since the previous picture, 1 for noise alone
     colour: Array | None = None  # (3,) red, green, blue of its face in white light, 0 to 1
+    odds: float = 1.0  # probability of the name beside that of the likeliest other one,
+    other: str | None = None  # which is this
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,9 @@ class Detector:
             return list(found)
         view = self.background.view(picture)
         faces = {str(k): [face(self.background, view, one.xy, one.radius)] for k, one in enumerate(found)}
-        names, _ = names_by_faces(faces, self.palette, self.background.bed_colour)
-        return [replace(one, name=name) for k, one in enumerate(found) if (name := names[str(k)]) is not None]
+        _, naming = names_by_faces(faces, self.palette, self.background.bed_colour)
+        each = zip(found, naming.names, naming.odds, naming.others, strict=True)
+        return [replace(one, name=name, odds=odds, other=other) for one, name, odds, other in each if name is not None]
 
     def _outlines(self, view: View) -> list[Detection]:
         """All balls that are seen as outlines, the best first."""

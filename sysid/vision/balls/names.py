@@ -33,6 +33,7 @@ SURE = 0.9  # probability of a name, below which it is doubtful
 FACE_RADII = 0.92  # of a disc that shows the face, clear of the rim
 PLACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number, a dot or a highlight
 FACE_PLACES = 4.0  # independent ones on a face, whose light differs
+WHITE_SHARE_SD = 0.07  # of the part of a view that is white, by highlights, numbers and blur
 FACE_VIEWS = 4  # of a ball as it rolls, from which on more tell nothing new
 COLOUR_LEVELS = 16  # of the roots of colours, in which places of a face are counted
 
@@ -122,7 +123,10 @@ def _counted(view: Array) -> tuple[Array, Array]:
 
 
 def _face_costs(views: Sequence[tuple[Array, Array]], palette: Palette, light: Array, veil: Array) -> Array:
-    """Cost of every name (n,): each view shows the ball's own colour and white, in a share that its geometry allows."""
+    """Cost of every name (n,): each view shows the ball's own colour and white, in a share that its geometry allows.
+
+    Colours are off alike all over a face, so that few of its places count; how much of it is white is known better.
+    """
     whitest = palette.colours[palette.colours.min(axis=1).argmax()]
     cost, spare = np.zeros(len(palette.names)), math.exp(-PLACE_COST_LIMIT / 2)
     for colours, share in views:
@@ -132,6 +136,9 @@ def _face_costs(views: Sequence[tuple[Array, Array]], palette: Palette, light: A
             part, likely = white_shares(of)
             shown = (1 - part) * own[:, n, None] + part * white[:, None] + spare  # (k, parts)
             log = FACE_PLACES * share @ np.log(shown)
+            if of:
+                seen = share @ (white / (white + own[:, n] + spare))
+                log -= (seen - part) ** 2 / (2 * WHITE_SHARE_SD**2)
             cost[n] -= 2 * (log.max() + math.log(likely @ np.exp(log - log.max())))
     return cost / len(views) * min(len(views), FACE_VIEWS)
 

@@ -47,6 +47,11 @@ class Palette:
     variants: tuple[Palette, ...] = ()  # other sets that these may be of instead, as those of television
 
     @property
+    def known(self) -> dict[str, int]:
+        """How many balls of each name there may be, in any of the sets."""
+        return {name: n for kind in (*self.variants, self) for name, n in zip(kind.names, kind.counts, strict=True)}
+
+    @property
     def patterned(self) -> bool:
         """Whether balls have more than one colour."""
         return any(self.white)
