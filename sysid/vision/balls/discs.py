@@ -48,6 +48,7 @@ MIN_SHUTTER_FITS = 4  # from which it is known
 MIN_EVEN_FITS = 16  # of white balls, fewer than those of them overexposed, that show that none is
 MISFIT_MARGIN = 0.02  # beyond that of the best fit, from which on another is no rival
 SEARCH_RADII = 6.0  # of the window in which a ball is sought that is not where it was expected
+TRIED_LENGTHS = (0.8, 1.0, 1.2)  # of the motion that a strip shows
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
@@ -202,7 +203,7 @@ def known_disc(
     if sound is None:
         seen = colour if colour is not None else own
         swept = strips(view, seen, last, radius, max(expected.reach, SEARCH_RADII * radius), taken)
-        far = [fit_disc(view, seen, one.xy, radius, one.motion) for one in swept]
+        far = [fit_disc(view, seen, one.xy, radius, part * one.motion) for one in swept for part in TRIED_LENGTHS]
         error = 0.0 if seen is None else cover_sd(view, seen, last)
     found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]
     found += [fit for fit in far if fit is not None and acceptable(fit, "swept", error)]

@@ -18,15 +18,16 @@ from sysid.vision.balls.background import View
 from sysid.vision.balls.cover import DiscFit, covered
 from sysid.vision.balls.view_geometry import Array, Image
 
-DIRECTIONS = 72  # of rays; one between two of them lies off by a radius at most at 23 radii
+DIRECTIONS = 144  # of rays; what lies between two of them is half a radius from one at most at 23 radii
 STEPS_PER_RADIUS = 3  # along a ray
 ACROSS_RADII = (-0.55, 0.0, 0.55)  # on a strip,
 BESIDE_RADII = (-1.5, 1.5)  # and beside it
-MIN_SHOWN = 0.15  # of a ball, more on the strip than beside it: one that is swept by six diameters covers it so long
+NOISE_SDS = 5.0  # of what rays show more than what is beside them, that a strip shows,
+EDGE_PART = 0.5  # and of the most that its ray shows: where a ball that is swept by more than itself begins and ends
 TAKEN_RADII = 1.3  # about a ball that is explained
 MAX_STRIPS = 4
 SPREAD_RADII = 1.0  # between the middles of two different strips
-END_RADII = 0.9  # from the last place of a disc to the end that its strip shows
+MIN_LENGTH_RADII = 2.2  # of a strip where half of the most is shown; a ball that stays shows two
 
 
 def strips(
@@ -38,12 +39,16 @@ def strips(
     along = np.arange(1, math.ceil(STEPS_PER_RADIUS * reach / radius) + 1) * radius / STEPS_PER_RADIUS
     score = _on(shown, origin - corner, angles, along, radius, ACROSS_RADII).min(axis=0)
     score -= _on(shown, origin - corner, angles, along, radius, BESIDE_RADII).max(axis=0)
+    usual = float(np.median(score))  # most rays show the table
+    noise = usual + NOISE_SDS * 1.4826 * float(np.median(np.abs(score - usual)))
     found = []
-    for angle, row in zip(angles, score - MIN_SHOWN, strict=True):
-        total, first, last = _best_run(row)
+    for angle, row in zip(angles, score, strict=True):
+        if row.max() <= noise:
+            continue
+        total, first, last = _best_run(row - max(noise, EDGE_PART * row.max()))
         way = np.array([math.cos(angle), math.sin(angle)])
-        length = along[last] - along[first] + radius / STEPS_PER_RADIUS - 2 * END_RADII * radius
-        if total > 0 and length > 0:
+        length = along[last] - along[first] + radius / STEPS_PER_RADIUS
+        if length > MIN_LENGTH_RADII * radius:
             found.append((total, origin + (along[first] + along[last]) / 2 * way, length * way))
     kept: list[DiscFit] = []
     for total, middle, motion in sorted(found, key=lambda one: -one[0]):

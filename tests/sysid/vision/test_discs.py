@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from models.shot import Array, Table
-from sysid.vision.balls.cover import _settled, cover, fit_disc, swept_share
-from sysid.vision.balls.detect import Detector
-from sysid.vision.balls.discs import Shutter, known_disc
+from sysid.vision.balls.background import View
+from sysid.vision.balls.cover import DiscFit, _settled, cover, fit_disc, swept_share
+from sysid.vision.balls.detect import Detector, Expected
+from sysid.vision.balls.discs import Shutter, is_clear, known_disc, near_disc
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
-from sysid.vision.frames import Picture
+from sysid.vision.frames import Picture, open_footage
 from sysid.vision.tracks.track import Tracked, track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
@@ -63,6 +64,12 @@ def place(motion: Motion, time: float, ball: int) -> Array:
     return np.array([np.interp(time, motion.times, xy[:, axis]) for axis in (0, 1)])
 
 
+def sought(view: View, colour: Array | None, at: Array, step: Array, shutter: Shutter) -> DiscFit | None:
+    """A ball expected at a pixel (2,) after a step (2,) [pixels]."""
+    near = near_disc(view, colour, at, step, shutter)
+    return near if is_clear(near) else known_disc(view, colour, Expected("", at, step), near, shutter, None, [])
+
+
 def test_pixels_are_parts_of_ball_and_table_and_shadows_are_none() -> None:
     table = np.full((4, 6, 3), (130.0, 160.0, 140.0), np.float32)
     ball = np.array([60.0, 10.0, 230.0])
@@ -79,6 +86,22 @@ def test_a_swept_disc_covers_what_its_exposure_says() -> None:
     assert share[60] == pytest.approx(20 / 40, abs=0.04)
     assert share.sum() == pytest.approx(20.0, abs=0.3)
     assert share[0] == share[-1] == 0
+
+
+@pytest.mark.slow
+def test_a_ball_struck_hard_is_found_where_it_is_swept_far_at_once(tmp_path: Path) -> None:
+    """At 4 m/s and with the shutter nearly always open it covers four diameters, the first time after it rested."""
+    motion = rolling(np.array([[-0.45, -0.1], [0.3, 0.2]]), [(4.0, 0.9), (0.0, 0.0)], 1.0, 0.5)
+    look = replace(LOOK, exposure=0.03)
+    times = np.arange(0, 0.68, 1 / FPS)
+    pictures = list(webcam(film(CAMERA, motion, times, look), Webcam(quality=50, seed=1)))
+    detector = replace(learn_detector(CAMERA, footage_of(tmp_path, pictures), default_palette()), rough=True)
+    found = track(open_footage(tmp_path, FPS), CAMERA, detector, {"white": 1, "red": 15})
+    (white,) = (one for one in found.scene.tracks if one.name == "white")
+    moving = np.flatnonzero(times > 0.5 + 1 / FPS)
+    assert set(moving) <= set(white.frame.tolist())
+    off = [white.xy[white.frame == k][0] - place(motion, float(times[k]), 0) for k in moving]
+    assert np.hypot(*np.array(off).T).max() < 0.01
 
 
 @pytest.mark.slow
@@ -143,7 +166,7 @@ def test_the_sweep_says_where_a_fast_ball_is(shot: Shot) -> None:
     outline = [CAMERA.outline(place(motion, k / FPS, 0)[None])[0] for k in range(len(pictures))]
     for k in range(2, 5):
         view, step = detector.background.view(pictures[k]), outline[k] - outline[k - 1]
-        fit = known_disc(view, colour, outline[k] + [2.0, -1.0], step, 60.0, Shutter(EXPOSURE * FPS))
+        fit = sought(view, colour, outline[k] + [2.0, -1.0], step, Shutter(EXPOSURE * FPS))
         assert fit is not None
         assert np.hypot(*(fit.xy - outline[k])) < 1.0
         still = fit_disc(view, colour, outline[k], fit.radius, np.zeros(2))
@@ -192,7 +215,7 @@ def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
     dark = np.hypot(x - places[0, 0] - 3, y - places[0, 1]) < 3
     picture[dark] = (200, 200, 200)
     view = detector.background.view(picture.clip(0, 255).astype(np.uint8))
-    fit = known_disc(view, None, places[0] - [0.75 * radius, 0.0], np.zeros(2), 6 * radius, Shutter(0.0))
+    fit = sought(view, None, places[0] - [0.75 * radius, 0.0], np.zeros(2), Shutter(0.0))
     assert fit is not None
     assert np.hypot(*(fit.xy - places[0])) < 0.1 * radius
 
@@ -213,7 +236,7 @@ def test_a_ball_with_the_cue_still_at_it_is_found_where_it_is(shot: Shot, gain: 
     picture = ((1 - light) * detector.background.picture + light * ball).clip(0, 255).astype(np.uint8)
     view = detector.background.view(picture)
     expected = at - [0.7 * radius, 1.0]
-    fit = known_disc(view, ball, expected, np.array([2.0, 0.0]), 6 * radius, Shutter())
+    fit = sought(view, ball, expected, np.array([2.0, 0.0]), Shutter())
     assert fit is not None
     assert np.hypot(*(fit.xy - at)) < 0.06 * radius
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import new_discs
 from sysid.vision.balls.faces import are_patterned
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.names import name_faces
+from sysid.vision.balls.names import SURE, name_faces
 from sysid.vision.balls.palette import default_palette, palette_for, pool_palette, read_palette
 from sysid.vision.frames import Picture
 from sysid.vision.tracks.track import track
@@ -110,6 +111,44 @@ def test_faces_are_named_by_their_colours_and_by_how_white_they_are(light: tuple
         shown = np.where(white[:, None], palette.colours[0], colour) * rng.normal(1, 0.1, (200, 1))
         faces.append(np.clip(shown * light + rng.normal(0, 0.02, (200, 3)), 0, 1))
     assert name_faces([[one] for one in faces], palette).names == palette.names
+
+
+def seen_lying(name: str, axis: Sequence[float], cloth: Array, veil: float) -> Array:
+    """The face of a ball of pool that lies with its poles along an axis, in the light that a cloth throws on it."""
+    palette = pool_palette()
+    kind = next(one for one in (palette, *palette.variants) if name in one.names)
+    k, along = kind.names.index(name), np.array(axis) / np.linalg.norm(axis)
+    x, y = np.meshgrid(*[np.linspace(-0.9, 0.9, 41)] * 2)
+    inside = x**2 + y**2 < 0.9**2
+    normals = np.column_stack([x[inside], y[inside], np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)])
+    white = np.abs(normals @ along) > 1 - kind.white[k]
+    shown = np.where(white[:, None], kind.colours[0], kind.colours[k]) + veil * cloth
+    noise = np.random.default_rng(k).normal(0, 0.02, shown.shape)
+    return np.clip(shown + noise, 0, 1)
+
+
+def test_balls_are_named_in_the_light_that_a_cloth_throws_on_them() -> None:
+    """A quarter of a blue cloth's colour: black looks dark blue then, and maroon purple. Of television, 4 is pink."""
+    cloth = np.array([0.0, 0.52, 0.87])
+    names = ("white", "yellow", "blue", "red", "pink", "green", "maroon", "black", "yellow_stripe")
+    faces = [[seen_lying(name, (0.9, 0.3, 0.3), cloth, 0.25)] for name in names]
+    naming = name_faces(faces, pool_palette(), cloth)
+    assert naming.names == names
+    assert min(naming.odds) > 0.85
+
+
+def test_a_cue_ball_with_dots_is_known_from_stripes_that_lie_on_their_colour() -> None:
+    """Of these all but the rim is white. Which is which is not sure then, and is said."""
+    dotted = seen_lying("white", (0, 0, 1), np.zeros(3), 0.0)
+    dotted[::25] = (0.85, 0.2, 0.2)
+    names = ("orange_stripe", "blue_stripe")
+    faces = [[dotted], *[[seen_lying(name, (0.05, 0.1, 1), np.zeros(3), 0.0)] for name in names]]
+    naming = name_faces(faces, pool_palette())
+    assert naming.names[0] == "white"
+    assert all(str(name).endswith("_stripe") for name in naming.names[1:])
+    alone = name_faces([[np.tile(pool_palette().colours[0] * 0.97, (300, 1))]] * 2, pool_palette())
+    assert min(alone.odds) < SURE
+    assert any("white" in doubt for doubt in alone.doubts)
 
 
 def test_balls_of_one_colour_are_known_from_others() -> None:
