@@ -19,7 +19,7 @@ from sysid.vision.balls.cover import DiscFit
 from sysid.vision.balls.discs import Shutter, core_colour, is_clear, known_disc, near_disc, new_discs, tell
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import ANY_BALL, face
-from sysid.vision.balls.names import names_by_faces
+from sysid.vision.balls.names import STRAY_LIGHT, names_by_faces
 from sysid.vision.balls.outline_fit import (
     MIN_SEPARATION_RADII,
     OutlineFit,
@@ -35,7 +35,6 @@ from sysid.vision.frames import Picture
 MAX_OFFSET_PX = 2.5  # from the expected centre, within which a detection is accepted at once
 SEARCH_RADII = (2.5, 6.0)  # of the windows searched otherwise
 MAX_COLOUR_DISTANCE = 0.22  # between colours of the same ball
-STRAY_LIGHT = 0.05  # added to colours, whose dark channels compression falsifies
 
 
 @dataclass(frozen=True)

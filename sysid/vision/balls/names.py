@@ -21,6 +21,7 @@ from scipy.optimize import linear_sum_assignment
 from sysid.vision.balls.palette import Palette, colour_distance
 from sysid.vision.balls.view_geometry import Array
 
+STRAY_LIGHT = 0.05  # added to colours, whose dark channels compression falsifies
 COLOUR_SPREAD = 0.1  # usual distance between colours of the same ball: gloss, marks, shading
 LIGHT_LOG_SD = 0.5  # of the brightness of a light, standard deviation of its logarithm
 TINT_LOG_SD = 0.25  # of its colour, standard deviation of the logarithm
@@ -31,7 +32,7 @@ NO_WHITE_COST = 8.0  # of naming no ball as the whitest of the palette: there is
 UNNAMED_COST = 100.0  # of a colour without a name
 SURE = 0.9  # probability of a name, below which it is doubtful
 FACE_RADII = 0.92  # of a disc that shows the face, clear of the rim
-PLACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number, a dot or a highlight
+PLACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number, a dot or a highlight, and of its white share
 FACE_PLACES = 4.0  # independent ones on a face, whose light differs
 WHITE_SHARE_SD = 0.07  # of the part of a view that is white, by highlights, numbers and blur
 FACE_VIEWS = 4  # of a ball as it rolls, from which on more tell nothing new
@@ -111,7 +112,8 @@ def white_shares(white: float) -> tuple[Array, Array]:
 
 def _squared(colours: Array, nominal: Array, light: Array, veil: Array) -> Array:
     """Squared distances (...) between colours (..., 3) and nominal ones as they look, in usual spreads."""
-    return np.asarray((colour_distance(np.clip(colours - veil, 0, None) / light, nominal) / COLOUR_SPREAD) ** 2)
+    seen = np.clip(colours - veil, 0, None) / light
+    return np.asarray((colour_distance(seen + STRAY_LIGHT, nominal + STRAY_LIGHT) / COLOUR_SPREAD) ** 2)
 
 
 def _counted(view: Array) -> tuple[Array, Array]:
@@ -138,7 +140,7 @@ def _face_costs(views: Sequence[tuple[Array, Array]], palette: Palette, light: A
             log = FACE_PLACES * share @ np.log(shown)
             if of:
                 seen = share @ (white / (white + own[:, n] + spare))
-                log -= (seen - part) ** 2 / (2 * WHITE_SHARE_SD**2)
+                log -= np.minimum(((seen - part) / WHITE_SHARE_SD) ** 2, PLACE_COST_LIMIT) / 2
             cost[n] -= 2 * (log.max() + math.log(likely @ np.exp(log - log.max())))
     return cost / len(views) * min(len(views), FACE_VIEWS)
 

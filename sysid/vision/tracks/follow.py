@@ -90,11 +90,11 @@ class _Ball:
             part = 1.0 if self.colour is None else COLOUR_MEMORY
             self.colour = part * seen.colour + (1 - part) * (seen.colour if self.colour is None else self.colour)
 
-    def unlike(self, seen: Detection) -> float:
-        """Negative log likelihood of the colour of a detection as this ball's, which turns as it rolls."""
-        if self.colour is None or seen.colour is None or not np.isfinite(seen.colour).all():
+    def colour_cost(self, seen: Array | None) -> float:
+        """Negative log likelihood of a colour (3,) as this ball's, which turns as it rolls; 0 where it is not known."""
+        if self.colour is None or seen is None or not np.isfinite(seen).all():
             return 0.0
-        off = float(colour_distance(seen.colour, self.colour)) / FACE_COLOUR_SD
+        off = float(colour_distance(seen, self.colour)) / FACE_COLOUR_SD
         return min(off * off / 2, MAX_COLOUR_COST)
 
     def undo(self) -> None:
@@ -251,7 +251,7 @@ class Follower:
         for i, hypotheses in enumerate(options):
             costs[i] = MISSED_COST if balls[i].confirmed else UNCONFIRMED_COST
             costs[i, : len(keys)] = [
-                min(cost + balls[i].unlike(seen[k]), MISSED_COST)
+                min(cost + balls[i].colour_cost(seen[k].colour), MISSED_COST)
                 for k, (cost, _, _) in zip(keys, hypotheses, strict=True)
             ]
         found = {}
@@ -285,6 +285,7 @@ class Follower:
             place, first = ball.state, ball.points[1].frame
             same_name = [b for b in self.balls if b.confirmed and b.name == ball.name]
             lost = [b for b in same_name if b.missed and b.points[-1].frame < first]
+            lost = [b for b in lost if b.colour_cost(ball.colour) < JUMP_COST]
             if lost:
                 old = min(lost, key=lambda b: math.hypot(b.state.x - place.x, b.state.y - place.y))
                 old.points += [point for point in ball.points if point.frame > old.points[-1].frame]

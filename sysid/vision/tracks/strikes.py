@@ -271,7 +271,8 @@ def ending(scene: TrackedScene, first: int, covered: int, after: Sequence[Move],
     last = min(
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit
     )
-    last, jumps = first_jump(scene.tracks, first, last)
+    there = [track for track in scene.tracks if track.frame[0] <= first]  # what comes later is in no clip
+    last, jumps = first_jump(there, first, last)
     remarks = [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
     if last >= scene.frames[-1] and covered >= scene.frames[-1] - 1:
         remarks.append("cut off by the end of the video")
