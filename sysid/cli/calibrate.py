@@ -96,6 +96,7 @@ class CameraView:
         "--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels] if not found; with three sides "
         "in view, four points along them.",
     )  # fmt: skip
+    hold: bool = given("--hold", "", "The corners given hold, to some pixels: nothing else may be found.", bool)
     click: bool = given("--click", "", "Click these corners in a browser; prints them as --corners takes them.", bool)
     sees: str = given("--sees", "SIDES", "Cushions in view.", str, "+x,-x,+y,-y")
 
@@ -116,7 +117,11 @@ class CameraView:
         """Where the nose lines cross, (4, 2) [pixels]."""
         import numpy as np
 
+        from models.shot import RAIL_NAMES
+
         at_most_one(click=self.click, corners=self.corners)
+        if self.hold and (len(self.sides()) < len(RAIL_NAMES) or not (self.click or self.corners)):
+            raise BadInput("--hold: goes with --corners or --click, all four sides in view")
         if self.corners is None:
             return None
         try:
@@ -194,7 +199,7 @@ def calibrate(
     if view.click:
         progress.close()
         crossings = view.clicked(np.rint(table_seen.picture).astype(np.uint8))
-    hints = CameraHints(view.fov, lens, crossings, sides, view.marker_size or MARKER_SIZE_M)
+    hints = CameraHints(view.fov, lens, crossings, view.hold, sides, view.marker_size or MARKER_SIZE_M)
     found = calibrate_picture(
         table_seen.picture, cushions, diameter, hints, stills=table_seen.stills, source=", ".join(table_seen.used),
         progress=progress,

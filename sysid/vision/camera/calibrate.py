@@ -115,6 +115,7 @@ class CameraHints:
     fov: float | None = None  # field of view across the longer side of the picture [degrees]
     lens: Lens | None = None  # from a board
     corners: Array | None = None  # (4, 2) intersections of the nose lines, in any order [pixels]; see `calibrate`
+    hold: bool = False  # whether these corners hold: what is found must go with them
     sees: Sequence[str] = RAIL_NAMES  # rails in the picture
     marker_size: float = MARKER_SIZE_M  # side of printed markers [m]
 
@@ -143,8 +144,8 @@ def calibrate(
         diameter: of the balls [m].
         hints: what is known of the camera. Printed markers that agree with each other are the start, whatever else
             is given. Its corners are found if not given; where three sides are seen they are a
-            point of the first, the two corners, and a point of the last. Corners are a start only: what is found
-            without them, beyond doubt and near them, is preferred.
+            point of the first, the two corners, and a point of the last. Corners are a start only, unless they hold:
+            what is found without them, beyond doubt and near them, is preferred.
         stills: single frames in which balls rest, whose sizes are compared.
         source: what the picture is, for the camera file.
         progress: receives a line on what is being done.
@@ -156,12 +157,13 @@ def calibrate(
     start = initial_camera((picture.shape[1], picture.shape[0]), table, diameter, hints.fov, hints.lens)
     markers = find_markers(np.rint(light).astype(np.uint8), table, hints.marker_size)
     view = marker_view(start, markers, unknown) if len(markers) >= MIN_MARKERS else None
-    if hints.corners is not None and len(hints.sees) == 4 and view is None:
+    if hints.corners is not None and not hints.hold and len(hints.sees) == 4 and view is None:
         alone = _unaided(picture, table, diameter, hints, stills, source, progress)
         if alone is not None:
             return alone
     progress("looking for the table")
-    scene = _Scene(light, stills, markers, view, view is None and hints.corners is not None)
+    held = np.asarray(hints.corners, float) if hints.hold and hints.corners is not None else np.zeros((0, 2))
+    scene = _Scene(light, stills, markers, view, view is None and hints.corners is not None, held)
     first = _first(scene, start, hints)
     progress("looking for the noses")
     first, seen, reading = _read(scene, first, unknown, float(start.matrix[0, 0]))
@@ -208,6 +210,7 @@ class _Scene:
     markers: Markers
     view: MarkerView | None  # from those markers that agree
     by_hand: bool  # whether corners given by hand are the start
+    held: Array  # (4, 2) of these, where they hold [pixels]; (0, 2) else
 
     @property
     def near(self) -> str:
@@ -227,6 +230,8 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
     unknown = hints.unknown
     if hints.corners is not None:
         rough = _from_corners(start, hints)
+        if hints.hold:
+            return dataclasses.replace(rough, margin=CLOTH_MARGIN_M)
         sides, seen = cloth_sides(scene.light, rough)
         return first_view(start, sides, hints.sees, unknown, False) if seen else rough
     picture = np.rint(scene.light).astype(np.uint8)
@@ -244,7 +249,8 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
 def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
     """A camera from the corners given alone."""
     sides = sides_of(np.asarray(hints.corners, float), len(hints.sees))
-    return first_view(start, sides, hints.sees, hints.unknown[:1], True)
+    free = hints.unknown[-1:] if hints.hold else hints.unknown[:1]  # four corners that hold tell the focal length
+    return first_view(start, sides, hints.sees, free, True)
 
 
 def _apart_sd(lines: CameraFit, reading: CushionReading, hints: CameraHints) -> float:
@@ -345,7 +351,8 @@ def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
         balls = find_balls([np.rint(scene.light).astype(np.uint8), *scene.stills], first.camera)
     except BadInput:  # the corners are known, and there is no telling what is cloth
         balls = NO_BALLS
-    return what_is_seen(first.camera, edges, margin, diamonds, balls, scene.agreeing, search)
+    seen = what_is_seen(first.camera, edges, margin, diamonds, balls, scene.agreeing, search)
+    return dataclasses.replace(seen, corners=scene.held)
 
 
 def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) -> tuple[str, list[str]]:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -42,6 +42,7 @@ CLOTH_END_SD_M = 3e-3  # of the end of the cloth behind it
 DIAMOND_SD_M = 2e-3  # of a diamond along its rail
 ROW_SD_M = 4e-3  # and of its row's distance from the nose
 EDGE_SD_PX = 0.7  # added to all of them
+HELD_SD_PX = 5.0  # of a corner that a person gave, and holds
 CUSHION_WIDTH_M = (0.045, 0.012)  # mean and standard deviation
 DIAMOND_MARGIN_M = (0.095, 0.03)
 RAIL_RISE_M = (0.008, 0.006)  # of the rail's top over the noses
@@ -73,6 +74,7 @@ class TableEvidence:
     diamonds: Diamonds
     balls: BallOutlines
     markers: Markers
+    corners: Array = field(default_factory=lambda: np.zeros((0, 2)))  # (4, 2) crossings of nose lines that are held
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,7 @@ class _ReadingProblem:
         parts.append(MAX_BALL_SD * np.tanh(longer / MAX_BALL_SD))
         markers = marker_residuals(camera, self.seen.markers)  # one of them may lie wrongly all the same
         parts.append(MAX_MARKER_SD * np.tanh(markers / MAX_MARKER_SD))
+        parts.append(corner_errors(camera, self.seen.corners).ravel() / HELD_SD_PX)
         known = [(width, CUSHION_WIDTH_M), (margin, DIAMOND_MARGIN_M), (rise, RAIL_RISE_M)]
         known += [(float(np.log(camera.matrix[0, 0] / self.focal)), (0.0, FOCAL_SD))] * ("focal" in self.free)
         known += [(float(camera.distortion[0]), (0.0, K1_SD))] * ("k1" in self.free)
@@ -153,6 +156,14 @@ class _ReadingProblem:
         """Residuals of a change of the rough camera and of the extra unknowns."""
         count = 6 + len(self.free)
         return self.residuals(moved(self.rough, change[:count], self.free), change[count:], pixels, rails)
+
+
+def corner_errors(camera: Camera, given: Array) -> Array:
+    """How far the nearest crossings of nose lines lie from corners (n, 2): (n, 2) [pixels]."""
+    crossings = np.hstack([camera.table.corners(), np.full((4, 1), NOSE_HEIGHT * camera.radius)])
+    off = np.nan_to_num(camera.project(crossings), nan=1e4)[None] - given[:, None]
+    nearest = np.linalg.norm(off, axis=2).argmin(axis=1)
+    return np.asarray(off[np.arange(len(given)), nearest])
 
 
 def diamond_errors(camera: Camera, diamonds: Diamonds, margin: float, rise: float) -> tuple[Array, Array]:

@@ -24,6 +24,7 @@ MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
 FOCAL_ERROR = 0.1  # relative, whose effect is reported
 K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
+SMALL_STEP = 0.01  # of a standard deviation, over which places are differenced
 SIDE_BINS = 12  # averages along a side
 TABLE_SIZE_REMEDY = "check --length and --width, or give --corners"
 
@@ -58,8 +59,9 @@ def uncertainty(lines: CameraFit) -> tuple[float, float]:
     variances, directions = np.linalg.eigh(lines.covariance[np.ix_(rows, rows)])
     total = np.zeros(len(grid))
     for variance, direction in zip(variances, directions.T, strict=True):
-        other = moved(lines.camera, np.sqrt(max(variance, 0.0)) * direction, names)
-        total += np.sum((other.centres(pixels) - grid) ** 2, axis=1)
+        # In small steps: over a whole standard deviation of a focal length that is hardly known, nothing is linear.
+        other = moved(lines.camera, SMALL_STEP * np.sqrt(max(variance, 0.0)) * direction, names)
+        total += np.sum(((other.centres(pixels) - grid) / SMALL_STEP) ** 2, axis=1)
     return float(np.sqrt(total.mean())), float(np.sqrt(total.max()))
 
 
