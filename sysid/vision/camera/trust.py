@@ -24,7 +24,7 @@ MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
 FOCAL_ERROR = 0.1  # relative, whose effect is reported
 K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
-SMALL_STEP = 0.01  # of a standard deviation, over which places are differenced
+SMALL_M = 2e-4  # by which places are moved to see how they depend on the camera
 SIDE_BINS = 12  # averages along a side
 TABLE_SIZE_REMEDY = "check --length and --width, or give --corners"
 
@@ -59,9 +59,16 @@ def uncertainty(lines: CameraFit) -> tuple[float, float]:
     variances, directions = np.linalg.eigh(lines.covariance[np.ix_(rows, rows)])
     total = np.zeros(len(grid))
     for variance, direction in zip(variances, directions.T, strict=True):
-        # In small steps: over a whole standard deviation of a focal length that is hardly known, nothing is linear.
-        other = moved(lines.camera, SMALL_STEP * np.sqrt(max(variance, 0.0)) * direction, names)
-        total += np.sum(((other.centres(pixels) - grid) / SMALL_STEP) ** 2, axis=1)
+        if not np.isfinite(variance):
+            return float("inf"), float("inf")
+        change, part = np.sqrt(max(variance, 0.0)) * direction, 1.0
+        # Both ways in small steps: over a standard deviation of a focal length that is hardly known, nothing is linear.
+        while True:
+            ahead, behind = (moved(lines.camera, way * part * change, names).centres(pixels) for way in (1, -1))
+            if max(np.abs(ahead - grid).max(), np.abs(behind - grid).max()) < SMALL_M:
+                break
+            part /= 4
+        total += np.sum(((ahead - behind) / (2 * part)) ** 2, axis=1)
     return float(np.sqrt(total.mean())), float(np.sqrt(total.max()))
 
 

@@ -221,7 +221,7 @@ def test_places_are_uncertain_in_proportion_to_the_scatter_of_edges() -> None:
     off = np.random.default_rng(0).normal(0, 0.3, pixels.shape)
     lines = fit_camera(camera, pixels + off, rails, ("k1", "focal"))
     doubled = uncertainty(dataclasses.replace(lines, covariance=4.0 * lines.covariance))
-    np.testing.assert_allclose(doubled, 2.0 * np.array(uncertainty(lines)), rtol=0.02)
+    np.testing.assert_allclose(doubled, 2.0 * np.array(uncertainty(lines)), rtol=0.05)
 
 
 def test_corners_by_hand(straight: tuple[Camera, Picture]) -> None:
