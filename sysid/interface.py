@@ -176,7 +176,7 @@ class Discovery(Presented, DiscoveryResult):
     clips: ClipSet = dataclasses.field(kw_only=True)
 
     def sheet(self) -> Sheet:
-        """The verdict in four lines; the data frame has the ladder of models."""
+        """The verdict, a headline first; the data frame has the ladder of models."""
         models = labelled_models(self)
         columns: dict[str, list[Any]] = {
             "model": [name for name, _ in models],

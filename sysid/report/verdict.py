@@ -1,20 +1,26 @@
-"""A discovery in four lines: what is missing, how much it explains, how certain that is, and what to do next.
+"""A discovery in a headline and four lines: what is missing, how much it explains, how certain, what to do next.
 
-In: a `DiscoveryResult`. Out: a `Verdict`: four sentences, for the terminal, the report and Python.
+In: a `DiscoveryResult`. Out: a `Verdict`, for the terminal, the report and Python. The headline is for the table's
+owner: each effect by the first words of its file, with what its constants say of the table.
 """
 
 from __future__ import annotations
 
 import math
+import re
+import sys
 from dataclasses import dataclass
 
 from models.report.numbers import millimetres, value_with_sd
 from sysid.estimation.fitted import MISS_OVER_AXIS
 from sysid.report.findings import NEW_EFFECT_COMMAND
+from sysid.report.health import health
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import Screening
 
 MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached
+CERTAIN_BIC = 10.0  # "very strong" evidence (Kass and Raftery 1995), of an effect that
+CERTAIN_SHARE = 0.95  # of the draws of the clips find: it is certain then
 FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
 
 
@@ -22,21 +28,57 @@ FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
 class Verdict:
     """What a discovery says."""
 
+    headline: str
     missing: str
     size: str
     certainty: str
     next_step: str
 
-    def lines(self) -> tuple[str, str, str, str]:
-        """The four sentences, each after what it is of."""
+    def lines(self) -> tuple[str, str, str, str, str]:
+        """The headline, and four sentences, each after what it is of."""
         return (
-            f"missing: {self.missing}", f"size: {self.size}", f"certainty: {self.certainty}", f"next: {self.next_step}",
+            self.headline, f"missing: {self.missing}", f"size: {self.size}", f"certainty: {self.certainty}",
+            f"next: {self.next_step}",
         )  # fmt: skip
 
 
 def verdict_of(found: DiscoveryResult) -> Verdict:
     """The verdict on a discovery."""
-    return Verdict(_missing(found), _size(found), _certainty(found), _next_step(found))
+    return Verdict(_headline(found), _missing(found), _size(found), _certainty(found), _next_step(found))
+
+
+def _headline(found: DiscoveryResult) -> str:
+    """What a table's owner wants to know, in his own terms."""
+    parts = [
+        f"{plain_name(found, name)} ({_how_sure(found, name)}){_of_the_table(found, name)}" for name in found.verdict
+    ]
+    if found.unexplained is not None:
+        what = "Something that no known effect explains"
+        parts.append(f"{what}: {found.unexplained['where']}")
+    told = ". ".join(parts) or "These clips show nothing that the model lacks"
+    return told if found.converged else f"{told}. The fit did NOT converge: this is a hint"
+
+
+def plain_name(found: DiscoveryResult, name: str) -> str:
+    """What an effect is, by the first words of its file."""
+    effect = next(one for one in found.model.effects if one.name() == name)
+    described = sys.modules[type(effect).__module__].__doc__ or name
+    return re.split(r"[:.]\s", described.strip(), maxsplit=1)[0].rstrip(".:")
+
+
+def _how_sure(found: DiscoveryResult, name: str) -> str:
+    """Certain or likely."""
+    best = next((one.best for one in found.rounds if one.best is not None and one.best.name == name), None)
+    seen = found.stability
+    returns = seen is None or seen.times[name] >= CERTAIN_SHARE * seen.draws
+    return "certain" if best is not None and best.evidence.delta_bic > CERTAIN_BIC and returns else "likely"
+
+
+def _of_the_table(found: DiscoveryResult, name: str) -> str:
+    """What its constants say of the table; nothing where that is not known."""
+    lines = [line for line in health(found.model) if line.constant.startswith(f"{name}.") and line.determined]
+    told = [f"{line.what} {line.measured}, {line.verdict}" for line in lines]
+    return f": {'; '.join(told)}" if told else ""
 
 
 def _missing(found: DiscoveryResult) -> str:

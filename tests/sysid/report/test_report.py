@@ -138,7 +138,7 @@ def test_a_rung_stands_in_for_the_comparison_of_its_label(tmp_path: Path) -> Non
 
 
 def test_a_verdict_comes_first_and_its_lines_are_folded(tmp_path: Path) -> None:
-    said = Verdict("table_tilt", "the miss falls", "sure", "film a shot")
+    said = Verdict("It slopes", "table_tilt", "the miss falls", "sure", "film a shot")
     text, _ = page(
         tmp_path,
         [
@@ -151,7 +151,7 @@ def test_a_verdict_comes_first_and_its_lines_are_folded(tmp_path: Path) -> None:
         verdict=said,
     )
     order = [
-        text.index(part) for part in ("Missing: table_tilt.", "the miss falls.", "film a shot.", "a line", "cards")
+        text.index(part) for part in ("It slopes.", "table_tilt.", "the miss falls.", "film a shot.", "a line", "cards")
     ]
     assert order[:-1] == sorted(order[:-1])
     assert "<details><summary>All that was said" in text

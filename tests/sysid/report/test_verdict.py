@@ -27,7 +27,7 @@ FORMULA = {
 def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> Any:
     """A discovery, as far as its verdict looks at it."""
     model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)).add(TableTilt(0.0007, -0.0016))
-    model = dataclasses.replace(model, estimates={"table_tilt.slope_x": Estimate(1e-5)})
+    model = dataclasses.replace(model, estimates={"table_tilt.slope_x": Estimate(1e-5)}, fitted={"converged": True})
     rms = [0.010, 0.0005]
     ladder = [SimpleNamespace(miss=r, held_miss=1.1 * r) for r in rms[: 1 + len(effects)]]
     best = SimpleNamespace(name=effects[0], evidence=SimpleNamespace(delta_bic=5120.0)) if effects else None
@@ -43,7 +43,9 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
 
 def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> None:
     shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "to separate table_tilt from cloth_nap", 0.01)
-    missing, size, certainty, step = verdict_of(found("table_tilt", next_shot=shot)).lines()
+    headline, missing, size, certainty, step = verdict_of(found("table_tilt", next_shot=shot)).lines()
+    slope = "slope along x 0.700 ± 0.010 mm/m, downhill towards +x: raise that end by 2.5 mm"
+    assert headline.startswith(f"A table that is not level (certain): {slope}")
     assert missing == "missing: table_tilt (slope_x 0.000700 ± 0.000010 rad, slope_y -0.0016 ± – rad)"
     assert size.startswith("size: the rms miss falls from 10.0 mm to 0.500 mm (held out 11.0 mm to 0.550 mm);")
     assert size.endswith("noise alone leaves 0.707 mm")
@@ -55,6 +57,7 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
 
 def test_nothing_missing_is_said_plainly() -> None:
     said = verdict_of(found())
+    assert said.headline == "These clips show nothing that the model lacks"
     assert said.missing == "nothing that these clips show; the model suffices"
     assert said.size == "the rms miss is 10.0 mm (held out 11.0 mm); noise alone leaves 0.707 mm"
     assert "nothing is likelier than that the model lacks nothing" in said.certainty
@@ -68,6 +71,7 @@ def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
         "something outside the catalogue: rolling on the cloth, depending on order of the clips "
         "(deceleration: +0.05 * (order))"
     )
+    assert said.headline == "Something that no known effect explains: rolling on the cloth"
     assert "to 0.700 mm" in said.size and "a delta BIC of 52671" in said.certainty
     assert "sysid new-effect NAME --from result.json" in said.next_step
     both = verdict_of(found("table_tilt", unexplained=FORMULA | {"form": None, "depends_on": [], "terms": []}))
@@ -81,6 +85,12 @@ def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
 def test_doubts_are_told(held: int, converged: bool, doubt: str) -> None:
     assert doubt in verdict_of(found("table_tilt", held=held, converged=converged)).certainty
     assert doubt not in verdict_of(found("table_tilt")).certainty
+
+
+def test_what_returns_in_few_draws_is_likely_and_without_convergence_a_hint() -> None:
+    seldom = verdict_of(found("table_tilt", stability=Stability(100, 40, {"table_tilt": 60}), converged=False))
+    assert seldom.headline.startswith("A table that is not level (likely)")
+    assert seldom.headline.endswith("this is a hint")
 
 
 def test_what_is_left_without_a_formula_is_said_to_have_none_that_holds() -> None:
