@@ -46,7 +46,11 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ends = [(f"base + {name}", comparison(12, size, f"clips/{LONG_NAME}_{{}}.csv")) for name, size in
             (("nothing", 0.02), ("table_tilt + cushion_restitution_speed", 0.002))]  # fmt: skip
     said = Verdict(
-        "table_tilt (slope_x 0.0007 ± 0.00001 rad)", "the rms miss falls", "a delta BIC of 13951", "film a shot"
+        "A table that is not level",
+        "table_tilt (slope_x 0.0007 ± 0.00001 rad)",
+        "the rms miss falls",
+        "a delta BIC of 13951",
+        "film a shot",
     )
     rungs = [Rung(label, 0.01 / (k + 1), 0.012 / (k + 1), 30.0) for k, (label, _) in enumerate(ends)]
     write_report(path, "What 12 clips say about the table", ends, ladder=rungs, notes=["a line"], verdict=said)

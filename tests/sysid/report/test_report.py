@@ -72,7 +72,7 @@ def test_text_of_users_is_escaped(tmp_path: Path) -> None:
     model = dataclasses.replace(found.model, estimates={"ball_impact.friction": Estimate(math.nan, STRANGE)})
     found = dataclasses.replace(found, model=model)
     path = tmp_path / "report.html"
-    said = Verdict(STRANGE, STRANGE, STRANGE, STRANGE)
+    said = Verdict(STRANGE, STRANGE, STRANGE, STRANGE, STRANGE)
     write_report(path, STRANGE, [(STRANGE, found)], ladder=rungs, notes=[STRANGE], verdict=said)
     text = path.read_text(encoding="utf-8")
     seen = Page(text)
