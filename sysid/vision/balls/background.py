@@ -28,7 +28,7 @@ LIGHT_PROBE_PIXELS = 600  # of the bed, that give the light of a frame
 MIN_NOISE_GREY = 0.5  # of a picture [grey levels]: rounding alone makes 0.3
 NOISE_FACTOR = 2.5  # standard deviations of the noise, and
 TINT_CHANGE = 0.05  # of the light's colour, over the picture and from frame to frame, relative standard deviation
-GREY_ERROR = 1.0  # of a colour that was stored, beside noise [grey levels]
+GREY_ERROR = 0.3  # of a stored colour, by rounding alone [grey levels]
 CONTRAST_FRACTION = 0.06  # fraction of the background's colour, above which a difference is foreground
 HOLLOW_INNER_RADII, HOLLOW_RIM_RADII = 0.5, 0.8  # within which a ring shows the table, and from where on itself
 HOLLOW_RATIO = 0.35  # of the difference from the table within, to that at the rim, below which it is a ring
@@ -87,7 +87,7 @@ class Background:
         """A picture beside this background, the gain fitted to its light."""
         shown = self.picture[self.probes]
         ratio = np.median(picture[self.probes] / np.maximum(shown, 1.0), axis=0)
-        gain = lit_alike(ratio, np.median(shown, axis=0), self.noise)
+        gain = lit_alike(ratio, np.median(shown, axis=0))
         return View(self.geometry, picture, self.picture, gain, self.noise, self.grid)
 
     @cached_property
@@ -101,13 +101,13 @@ class Background:
         return np.asarray(self.light[min(max(int(pixel[1]), 0), h - 1), min(max(int(pixel[0]), 0), w - 1)] * view.gain)
 
 
-def lit_alike(ratio: NDArray[np.floating], grey: NDArray[np.floating], noise: float) -> Array:
+def lit_alike(ratio: NDArray[np.floating], grey: NDArray[np.floating]) -> Array:
     """Brightness of a light (..., 3) from that of each channel (..., 3), which show a colour (3,) [grey levels].
 
     A channel in which the cloth is dark hardly tells the light, and none at all in which it is 0: light then changes
     there as in the others. The weighted mean of both, as each is known.
     """
-    known = (np.maximum(grey, 0.0) / np.hypot(GREY_ERROR, noise)) ** 2 + 1e-9
+    known = (np.maximum(grey, 0.0) / GREY_ERROR) ** 2 + 1e-9
     mean = (ratio * known).sum(axis=-1, keepdims=True) / known.sum()
     return np.asarray((ratio * known + mean / TINT_CHANGE**2) / (known + TINT_CHANGE**-2), float)
 
@@ -209,7 +209,7 @@ def _background_of(geometry: ViewGeometry, picture: Image, smooth: Image, pictur
     rows, columns = np.nonzero(geometry.bed)
     step = max(1, len(rows) // LIGHT_PROBE_PIXELS)
     usual = np.median(smooth[geometry.bed], axis=0)
-    light = np.clip(lit_alike(smooth / usual, usual, MIN_NOISE_GREY), 0.2, 5.0).astype(np.float32)
+    light = np.clip(lit_alike(smooth / usual, usual), 0.2, 5.0).astype(np.float32)
     plain = Background(geometry, picture, light, (rows[::step], columns[::step]), coarse_grid(geometry, picture))
     residual = [p[plain.probes] - picture[plain.probes] * plain.view(p).gain for p in pictures]
     # The mean of n pictures is correlated with each of them: n / (n - 1) undoes the bias.

@@ -139,12 +139,14 @@ class CameraWatch:
         Two looks in a row must say so, if there are two: what covers a side for a moment moves no camera.
         """
         by = [math.inf, *(by for _, by in self.looks), math.inf]
-        lasting = [min(by[k + 1], max(by[k], by[k + 2])) for k in range(len(self.looks))]
-        near = (
-            far for (time, _), far in zip(self.looks, lasting, strict=True)
-            if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S
+        return max(
+            (
+                far for k, (time, far) in enumerate(self.looks)
+                if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S
+                and min(far, max(by[k], by[k + 2])) > self._limit
+            ),
+            default=0.0,
         )  # fmt: skip
-        return max((far for far in near if far > self._limit), default=0.0)
 
 
 def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple[str, ...]]:
