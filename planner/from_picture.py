@@ -122,7 +122,7 @@ def balls_in_picture(
 ) -> DetectedBalls:  # fmt: skip
     """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
     from models.presets import usual_mass
-    from sysid.vision.balls.detect import Expected
+    from sysid.vision.balls.discs import Expected
     from sysid.vision.balls.learning import learn_detector
     from sysid.vision.balls.palette import palette_for
     from sysid.vision.camera.projection import ball_of, read_camera

@@ -8,7 +8,7 @@ pack, which has no outline against the cloth.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
-from sysid.vision.balls.discs import Shutter, core_colour, is_clear, known_disc, near_disc, new_discs, tell
+from sysid.vision.balls.discs import Expected, Shutter, core_colour, is_clear, known_disc, near_disc, new_discs, tell
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import ANY_BALL, face
 from sysid.vision.balls.names import STRAY_LIGHT, names_by_faces
@@ -51,17 +51,6 @@ class Detection:
     colour: Array | None = None  # (3,) red, green, blue of its face in white light, 0 to 1
     odds: float = 1.0  # probability of the name beside that of the likeliest other one,
     other: str | None = None  # which is this
-
-
-@dataclass(frozen=True)
-class Expected:
-    """A ball that is followed, and where it is expected."""
-
-    name: str
-    xy: Array  # (2,) centre of its outline [pixels]
-    step: Array = field(default_factory=lambda: np.zeros(2))  # (2,) from frame to frame [pixels]
-    colour: Array | None = None  # (3,) of its face, as in `Detection`
-    reach: float = 0.0  # that a ball just struck or hit moves at most from frame to frame [pixels]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -22,9 +21,6 @@ from sysid.vision.balls.cover import DiscFit, cover_sd, covered, fit_disc, is_wh
 from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
-
-if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Expected
 
 CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
 RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
@@ -52,6 +48,17 @@ TRIED_LENGTHS = (0.8, 1.0, 1.2)  # of the motion that a strip shows
 NEAR_RADII = 0.6  # to the expected place, within which a ball is taken at once
 CORE_RADII = 0.55  # of a disc that shows the colour of the ball
 MIN_BED_CONTRAST = 0.12  # of colours, between a ball and the bed
+
+
+@dataclass(frozen=True)
+class Expected:
+    """A ball that is followed, and where it is expected."""
+
+    name: str
+    xy: Array  # (2,) centre of its outline [pixels]
+    step: Array = field(default_factory=lambda: np.zeros(2))  # (2,) from frame to frame [pixels]
+    colour: Array | None = None  # (3,) of its face, as it was seen last, in white light, 0 to 1
+    reach: float = 0.0  # that a ball just struck or hit moves at most from frame to frame [pixels]
 
 
 @dataclass

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from models.shot import NOSE_COSINE
-from sysid.vision.balls.detect import Detection, Expected
+from sysid.vision.balls.detect import Detection
+from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.palette import colour_distance
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.prediction import State, predict_impacts

@@ -36,7 +36,8 @@ from sysid.vision.tracks.strikes import TrackedShot, split_shots
 from sysid.vision.tracks.unsaid import unsaid
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detection, Detector, Expected
+    from sysid.vision.balls.detect import Detection, Detector
+    from sysid.vision.balls.discs import Expected
     from sysid.vision.frames import Footage, Frame, Picture
 
     Watch = Callable[[Frame, Sequence[Detection]], None]

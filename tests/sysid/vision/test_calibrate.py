@@ -17,9 +17,7 @@ from sysid.cli.calibrate import calibrate as cli_calibrate
 from sysid.cli.calibrate import frames
 from sysid.vision.camera.board import lens_of
 from sysid.vision.camera.calibrate import Calibration, CameraHints, calibrate
-from sysid.vision.camera.pose import fit_camera
 from sysid.vision.camera.projection import Array, Camera, read_camera
-from sysid.vision.camera.trust import uncertainty
 from tests.footage import film
 from tests.footage.film import Look, Picture, developed, table_picture
 from tests.footage.motion import Motion
@@ -193,37 +191,6 @@ def test_three_sides_with_a_known_focal_length() -> None:
         calibrated(camera, picture)
 
 
-def test_corners_that_hold_are_kept_to_some_pixels_and_the_edges_near_them_taken(
-    straight: tuple[Camera, Picture],
-) -> None:
-    """Eight pixels off they lead to the noses; where there are none near them, other edges are not taken instead."""
-    camera, picture = straight
-    nose = NOSE_HEIGHT * camera.radius
-    corners = camera.project(np.array([[x, y, nose] for x, y in ((1, 0.5), (-1, 0.5), (1, -0.5), (-1, -0.5))]))
-    off = np.array([[5.0, -6.0], [-6.0, 4.0], [3.0, 7.0], [-7.0, -3.0]])
-    found = calibrated(camera, picture, fov=fov(camera), corners=corners + off, hold=True)
-    assert rms(errors(camera, found)) < 0.6
-    middle = corners.mean(axis=0)
-    inward = middle + 0.8 * (corners - middle)  # on the cloth, where no edges are
-    far = calibrated(camera, picture, fov=fov(camera), corners=inward, hold=True)
-    there = far.camera.project(np.hstack([camera.table.corners(), np.full((4, 1), nose)]))
-    assert np.linalg.norm(there[:, None] - inward, axis=2).min(axis=1).max() < 15.0
-    assert far.doubts
-
-
-def test_places_are_uncertain_in_proportion_to_the_scatter_of_edges() -> None:
-    """From far above the focal length is hardly known, and places do not depend on it."""
-    camera = over_table((0.0, 0.02), size=(1920, 1080), span=2.4, height=6.0, k1=0.0)
-    along, nose = np.linspace(-0.45, 0.45, 180), NOSE_HEIGHT * camera.radius
-    points = [[[s, t, nose] for t in along] for s in (1.0, -1.0)]
-    points += [[[2 * t, s, nose] for t in along] for s in (0.5, -0.5)]
-    pixels, rails = camera.project(np.concatenate(points)), np.repeat(np.arange(4), len(along))
-    off = np.random.default_rng(0).normal(0, 0.3, pixels.shape)
-    lines = fit_camera(camera, pixels + off, rails, ("k1", "focal"))
-    doubled = uncertainty(dataclasses.replace(lines, covariance=4.0 * lines.covariance))
-    np.testing.assert_allclose(doubled, 2.0 * np.array(uncertainty(lines)), rtol=0.05)
-
-
 def test_corners_by_hand(straight: tuple[Camera, Picture]) -> None:
     camera, picture = straight
     nose = NOSE_HEIGHT * camera.radius
@@ -375,13 +342,6 @@ def test_bad_arguments_are_told_in_one_line(change: dict[str, str], match: str, 
     with pytest.raises(BadInput, match=match) as caught:
         run(str(tmp_path / "none.mp4"), *(part for pair in usual.items() for part in pair))
     assert "\n" not in str(caught.value)
-
-
-def test_what_holds_must_be_given(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "p.png"), np.zeros((80, 100, 3), np.uint8))
-    words = (str(tmp_path / "p.png"), "--table", "snooker", "--out", str(tmp_path / "cam.toml"))
-    with pytest.raises(BadInput, match="--hold: goes with --corners or --click"):
-        run(*words, "--hold")
 
 
 def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from models.errors import BadInput
 from models.shot import NOSE_COSINE, Table
-from sysid.vision.balls.detect import Detection, Detector, Expected
+from sysid.vision.balls.detect import Detection, Detector
+from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
 from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.palette import default_palette, group_colours, read_palette

@@ -12,8 +12,8 @@ import pytest
 from models.shot import Array, Table
 from sysid.vision.balls.background import View
 from sysid.vision.balls.cover import DiscFit, _settled, cover, fit_disc, swept_share
-from sysid.vision.balls.detect import Detector, Expected
-from sysid.vision.balls.discs import Shutter, is_clear, known_disc, near_disc
+from sysid.vision.balls.detect import Detector
+from sysid.vision.balls.discs import Expected, Shutter, is_clear, known_disc, near_disc
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
 from sysid.vision.frames import Picture, open_footage

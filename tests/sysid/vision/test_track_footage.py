@@ -20,8 +20,8 @@ from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
-from sysid.vision.balls.detect import Detection, Detector, Expected
-from sysid.vision.balls.discs import Shutter
+from sysid.vision.balls.detect import Detection, Detector
+from sysid.vision.balls.discs import Expected, Shutter
 from sysid.vision.camera.projection import write_camera
 from sysid.vision.frames import Footage, Frame, Picture
 from sysid.vision.preview import write_previews
