@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.effects.cloth.air_drag import AirDrag
 from models.model_file import full_model
 from sysid.clips import read_clip_set
 from sysid.estimation.chain import (
@@ -20,6 +21,7 @@ from sysid.estimation.chain import (
     limited_move,
     reduced,
 )
+from sysid.estimation.chain_beside import Beside, information_beside
 from sysid.estimation.chain_fit import fit_chain, settled_states
 from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows
 from sysid.estimation.clip_fit import fit_clips
@@ -97,6 +99,31 @@ def test_normal_equations_are_the_derivatives_of_the_loss(chain: tuple[Chain, np
         return float(at.losses(moved, c, sd)[2])
 
     assert shot.state_gradient @ direction == pytest.approx(0.5 * (loss(1.0) - loss(-1.0)), rel=0.02, abs=1e-5)
+
+
+def test_all_shots_together_tell_what_each_tells_and_parameters_beside_what_they_tell_as_constants(
+    chain: tuple[Chain, np.ndarray],
+) -> None:
+    """A drag beside the fit has the information that it has as a constant of the same model, where it is 0."""
+    at, states = chain
+    drag = AirDrag(0.0)
+    more = at.with_model(at.model.add(drag), (*at.names, "air_drag.rate"))
+    c, sd, probe = values_of(at.model, at.names), at.gap_sd(states), np.array([1e-4])
+    steps = at.shared.steps_from(c)
+    beside = [Beside(more, np.zeros(1), probe, None)]
+    each, gradients, alone = information_beside(at, states, c, sd, steps, beside, together=False)
+    total, gradient, alone_too = information_beside(at, states, c, sd, steps, beside, together=True)
+    assert len(each) == len(at.windows.runs) and len(total) == 1
+    np.testing.assert_allclose(total[0], each.sum(axis=0), rtol=1e-9, atol=1e-9 * np.abs(total).max())
+    np.testing.assert_allclose(gradient[0], gradients.sum(axis=0), rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
+    np.testing.assert_allclose(alone_too, alone)
+    _, shots = equations(more, states, np.append(c, 0.0), sd, np.append(steps, probe))
+    _, information, slopes = reduced(shots)
+    unit = np.append(np.ones(len(c)), probe)
+    expected = information.sum(axis=0) * np.outer(unit, unit)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(total[0] / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-6)
+    np.testing.assert_allclose(gradient[0] / scale, slopes.sum(axis=0) * unit / scale, atol=1e-5)
 
 
 def test_a_jump_within_a_step_tells_of_no_slope(chain: tuple[Chain, np.ndarray]) -> None:
