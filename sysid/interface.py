@@ -171,7 +171,7 @@ class DiagnosedClips(Presented, ClipDiagnosis):
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Discovery(Presented, DiscoveryResult):
-    """A discovery; prints its verdict in four lines."""
+    """A discovery; prints its verdict, a headline first."""
 
     clips: ClipSet = dataclasses.field(kw_only=True)
 
