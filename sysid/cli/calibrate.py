@@ -96,7 +96,7 @@ class CameraView:
         "--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels] if not found; with three sides "
         "in view, four points along them.",
     )  # fmt: skip
-    hold: bool = given("--hold", "", "The corners given hold, to some pixels: nothing else may be found.", bool)
+    hold: bool = given("--hold", "", "Keep the corners given to some pixels, and fit the rest.", bool)
     click: bool = given("--click", "", "Click these corners in a browser; prints them as --corners takes them.", bool)
     sees: str = given("--sees", "SIDES", "Cushions in view.", str, "+x,-x,+y,-y")
 

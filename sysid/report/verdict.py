@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-import sys
 from dataclasses import dataclass
 
+from models.contract import described
+from models.effect import Effect
 from models.report.numbers import millimetres, value_with_sd
 from sysid.estimation.fitted import MISS_OVER_AXIS
 from sysid.report.findings import NEW_EFFECT_COMMAND
@@ -50,7 +51,7 @@ def verdict_of(found: DiscoveryResult) -> Verdict:
 def _headline(found: DiscoveryResult) -> str:
     """What a table's owner wants to know, in his own terms."""
     parts = [
-        f"{plain_name(found, name)} ({_how_sure(found, name)}){_of_the_table(found, name)}" for name in found.verdict
+        f"{_plain_name(found, name)} ({_how_sure(found, name)}){_of_the_table(found, name)}" for name in found.verdict
     ]
     if found.unexplained is not None:
         what = "Something that no known effect explains"
@@ -59,11 +60,15 @@ def _headline(found: DiscoveryResult) -> str:
     return told if found.converged else f"{told}. The fit did NOT converge: this is a hint"
 
 
-def plain_name(found: DiscoveryResult, name: str) -> str:
+def _plain_name(found: DiscoveryResult, name: str) -> str:
     """What an effect is, by the first words of its file."""
-    effect = next(one for one in found.model.effects if one.name() == name)
-    described = sys.modules[type(effect).__module__].__doc__ or name
-    return re.split(r"[:.]\s", described.strip(), maxsplit=1)[0].rstrip(".:")
+    says = described(type(_effect(found, name)))["says"]
+    return re.split(r"[:.]\s", says, maxsplit=1)[0].rstrip(".:")
+
+
+def _effect(found: DiscoveryResult, name: str) -> Effect:
+    """An effect that was named."""
+    return next(one for one in found.model.effects if one.name() == name)
 
 
 def _how_sure(found: DiscoveryResult, name: str) -> str:
@@ -95,8 +100,7 @@ def _missing(found: DiscoveryResult) -> str:
 
 def _with_values(found: DiscoveryResult, name: str) -> str:
     """An effect with the constants that it has."""
-    model = found.model
-    effect = next(e for e in model.effects if e.name() == name)
+    model, effect = found.model, _effect(found, name)
     values = []
     for key, meta in effect.parameters().items():
         known = model.estimates.get(f"{name}.{key}")

@@ -76,7 +76,7 @@ def track_film(
     detector = learn_detector(camera, footage, palette, progress)
     camera = detector.camera
     shutter = Shutter(None if taken.exposure is None else min(taken.exposure * footage.fps, 1.0))
-    counts = palette.known
+    counts = dict(zip(palette.names, palette.counts, strict=True))
     live = None if feed is None else LiveTrack(feed, Path(video).name, camera.table, camera.diameter)
     watch = None if live is None else partial(_show, live, camera)
     result = track(footage, camera, detector, counts, progress, shutter, watch)

@@ -127,19 +127,16 @@ class Detector:
         known = [one for one in expected if one.name in colours or self.palette is not None]
         shown = [None if self.palette else self._in_picture(view, colours[one.name], one.xy) for one in known]
         near = [near_disc(view, colour, one.xy, one.step, shutter) for one, colour in zip(known, shown, strict=True)]
-        for elsewhere in (False, True):
-            for one, colour, quick in zip(known, shown, near, strict=True):
-                if is_clear(quick) == elsewhere:
-                    continue
-                fit = quick
-                if elsewhere:
-                    own = None if one.colour is None else self._in_picture(view, one.colour, one.xy)
-                    fit = known_disc(view, colour, one, quick, shutter, own, taken)
-                detection = self._named_disc(view, one.name, fit, found)
-                if fit is not None and detection:
-                    tell(shutter, fit, one, colour)
-                    taken.append(fit)
-                    found += detection
+        clear_first = sorted(zip(known, shown, near, strict=True), key=lambda each: not is_clear(each[2]))
+        for one, colour, fit in clear_first:
+            if not is_clear(fit):
+                own = None if one.colour is None else self._in_picture(view, one.colour, one.xy)
+                fit = known_disc(view, colour, one, fit, shutter, own, taken)
+            detection = self._named_disc(view, one.name, fit, found)
+            if fit is not None and detection:
+                tell(shutter, fit, one, colour)
+                taken.append(fit)
+                found += detection
         return found
 
     def _in_picture(self, view: View, colour: Array, pixel: Array | None = None) -> Array:
@@ -168,8 +165,9 @@ class Detector:
     def _unnamed(self, view: View, fit: DiscFit) -> Detection:
         """The detection of a disc, of any ball."""
         colour = (core_colour(view, fit) / (255 * self.background.light_at(view, fit.xy)))[::-1]
+        known = colour if np.isfinite(colour).all() else None
         score = fit.rim * (1 - fit.residual)
-        return Detection(ANY_BALL, fit.xy, fit.radius, fit.sd, fit.rim, score, colour=colour)
+        return Detection(ANY_BALL, fit.xy, fit.radius, fit.sd, fit.rim, score, colour=known)
 
     def _identified(self, view: View, fit: OutlineFit) -> Detection | None:
         """The detection of this outline; None if its colour is that of no ball."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -30,10 +31,17 @@ SPREAD_RADII = 1.0  # between the middles of two different strips
 MIN_LENGTH_RADII = 2.2  # of a strip where half of the most is shown; a ball that stays shows two
 
 
+class Strip(NamedTuple):
+    """What a ball covers that moves far during the exposure."""
+
+    xy: Array  # (2,) its middle [pixels]
+    motion: Array  # (2,) [pixels]
+
+
 def strips(
     view: View, colour: Array | None, origin: Array, radius: float, reach: float, taken: Sequence[DiscFit]
-) -> list[DiscFit]:  # fmt: skip
-    """Strips of a colour (3,) from a pixel (2,) on, `reach` [pixels] long at most, the clearest first; not fitted."""
+) -> list[Strip]:  # fmt: skip
+    """Strips of a colour (3,) from a pixel (2,) on, within `reach` [pixels] of it, the clearest first."""
     shown, corner = _shown(view, colour, origin, reach + 2 * radius, radius, taken)
     angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
     along = np.arange(1, math.ceil(STEPS_PER_RADIUS * reach / radius) + 1) * radius / STEPS_PER_RADIUS
@@ -50,10 +58,10 @@ def strips(
         length = along[last] - along[first] + radius / STEPS_PER_RADIUS
         if length > MIN_LENGTH_RADII * radius:
             found.append((total, origin + (along[first] + along[last]) / 2 * way, length * way))
-    kept: list[DiscFit] = []
-    for total, middle, motion in sorted(found, key=lambda one: -one[0]):
+    kept: list[Strip] = []
+    for _, middle, motion in sorted(found, key=lambda one: -one[0]):
         if all(np.hypot(*(middle - other.xy)) > SPREAD_RADII * radius for other in kept):
-            kept.append(DiscFit(middle, radius, motion, 1.0, 0.0, 0.0, -total, 1.0, 0.0))
+            kept.append(Strip(middle, motion))
     return kept[:MAX_STRIPS]
 
 

@@ -13,11 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.first_view import CLOTH_MARGIN_M
 from sysid.vision.camera.pose import CameraFit, fit_camera
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.camera.table_edges import Image, edges, nose_points, strip
+from sysid.vision.camera.table_edges import Image, edges, nose_crossings, nose_points, strip
 from sysid.vision.camera.table_lines import Side
 
 CORNER_REACH_PX = 12.0  # of corners given by hand, from the edges beside them
@@ -99,8 +98,7 @@ def on_noses(camera: Camera, rails: Sequence[int]) -> CameraFit:
 
 def corners_compared(camera: Camera, given: Array) -> tuple[list[str], list[str]]:
     """How far corners given by hand (4, 2) are from those of a camera: a note, or a doubt where that is too far."""
-    corners = camera.project(np.hstack([camera.table.corners(), np.full((4, 1), NOSE_HEIGHT * camera.radius)]))
-    away = np.linalg.norm(corners[:, None] - given, axis=2).min(axis=1)
+    away = np.linalg.norm(nose_crossings(camera)[:, None] - given, axis=2).min(axis=1)
     if away.max() > CORNER_REACH_WIDTHS * camera.size[0]:
         return [], [f"a corner given lies {float(away.max()):.0f} pixels from the one found: give them anew"]
     return [f"the corners given lie {float(away.mean()):.1f} pixels from those found"], []

@@ -30,7 +30,7 @@ from sysid.vision.camera.marker_camera import marker_residuals
 from sysid.vision.camera.markers import Markers
 from sysid.vision.camera.pose import Rails, distances, jacobian, moved
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.camera.table_edges import Edge, nose_points
+from sysid.vision.camera.table_edges import Edge, nose_crossings, nose_points
 
 CLOTH_EDGE_M = 0.008  # edges nearer than this to the outline of the cloth are that outline
 MAX_GAP_WIDTH_M = 0.025  # of the dark gap under a nose
@@ -160,8 +160,7 @@ class _ReadingProblem:
 
 def corner_errors(camera: Camera, given: Array) -> Array:
     """How far the nearest crossings of nose lines lie from corners (n, 2): (n, 2) [pixels]."""
-    crossings = np.hstack([camera.table.corners(), np.full((4, 1), NOSE_HEIGHT * camera.radius)])
-    off = np.nan_to_num(camera.project(crossings), nan=1e4)[None] - given[:, None]
+    off = np.nan_to_num(nose_crossings(camera), nan=1e4)[None] - given[:, None]
     nearest = np.linalg.norm(off, axis=2).argmin(axis=1)
     return np.asarray(off[np.arange(len(given)), nearest])
 

@@ -80,6 +80,11 @@ def nose_points(camera: Camera, rail: int, along: Array, across: Array) -> Array
     return out
 
 
+def nose_crossings(camera: Camera) -> Array:
+    """Where the nose lines cross: (4, 2) [pixels]."""
+    return camera.project(np.hstack([camera.table.corners(), np.full((4, 1), NOSE_HEIGHT * camera.radius)]))
+
+
 def strip(
     picture: Image, camera: Camera, rail: int, low: float, high: float, fine: float = 0.5, slope: float = 0.0
 ) -> Strip | None:

@@ -24,7 +24,8 @@ MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
 FOCAL_ERROR = 0.1  # relative, whose effect is reported
 K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
-SMALL_M = 2e-4  # by which places are moved to see how they depend on the camera
+SMALL_M = 2e-4  # by which places are moved to see how they depend on the camera,
+SMALLER_STEPS = 0.25 ** np.arange(30)  # in the first of these parts of a standard deviation that moves them by less
 SIDE_BINS = 12  # averages along a side
 TABLE_SIZE_REMEDY = "check --length and --width, or give --corners"
 
@@ -59,15 +60,14 @@ def uncertainty(lines: CameraFit) -> tuple[float, float]:
     variances, directions = np.linalg.eigh(lines.covariance[np.ix_(rows, rows)])
     total = np.zeros(len(grid))
     for variance, direction in zip(variances, directions.T, strict=True):
-        if not np.isfinite(variance):
-            return float("inf"), float("inf")
-        change, part = np.sqrt(max(variance, 0.0)) * direction, 1.0
+        change = np.sqrt(max(variance, 0.0)) * direction
         # Both ways in small steps: over a standard deviation of a focal length that is hardly known, nothing is linear.
-        while True:
+        for part in SMALLER_STEPS:
             ahead, behind = (moved(lines.camera, way * part * change, names).centres(pixels) for way in (1, -1))
             if max(np.abs(ahead - grid).max(), np.abs(behind - grid).max()) < SMALL_M:
                 break
-            part /= 4
+        else:
+            return float("inf"), float("inf")
         total += np.sum(((ahead - behind) / (2 * part)) ** 2, axis=1)
     return float(np.sqrt(total.mean())), float(np.sqrt(total.max()))
 

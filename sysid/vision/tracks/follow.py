@@ -87,13 +87,14 @@ class _Ball:
 
     def look(self, seen: Detection) -> None:
         """Take the colour of a detection into the mean."""
-        if seen.colour is not None and np.isfinite(seen.colour).all():
-            part = 1.0 if self.colour is None else COLOUR_MEMORY
-            self.colour = part * seen.colour + (1 - part) * (seen.colour if self.colour is None else self.colour)
+        if self.colour is None or seen.colour is None:
+            self.colour = seen.colour if self.colour is None else self.colour
+        else:
+            self.colour = COLOUR_MEMORY * seen.colour + (1 - COLOUR_MEMORY) * self.colour
 
     def colour_cost(self, seen: Array | None) -> float:
         """Negative log likelihood of a colour (3,) as this ball's, which turns as it rolls; 0 where it is not known."""
-        if self.colour is None or seen is None or not np.isfinite(seen).all():
+        if self.colour is None or seen is None:
             return 0.0
         off = float(colour_distance(seen, self.colour)) / FACE_COLOUR_SD
         return min(off * off / 2, MAX_COLOUR_COST)

@@ -13,14 +13,14 @@ from sysid.clips.outliers import find_outliers
 from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 
-MAX_SD_RADII = 0.15  # of a detection; less accurate ones are not used
+MAX_SD_RADII = 0.15  # of a detection; ones less accurate than this and than most of the ball's are not used
 MAX_ASIDE_SD = 4.0  # of a place from the line between its neighbours, on which it may be early or late,
 MAX_ASIDE_M = 1e-3  # or this far
 
 
 def without_outliers(track: BallTrack, sigma: float, radius: float, notes: list[str]) -> BallTrack:
     """A track of a ball of a radius [m] without inaccurate detections and outliers; appends to the notes."""
-    inaccurate = track.sd > MAX_SD_RADII * track.radius
+    inaccurate = track.sd > np.maximum(MAX_SD_RADII * track.radius, np.median(track.sd))
     track = track.without(inaccurate) if inaccurate.any() else track
     outlying = find_outliers(Observation(track.time, track.xy, np.full(len(track.time), np.nan)), sigma)
     sd = np.hypot(sigma, radius * track.sd / np.maximum(track.radius, 1.0))  # a ball that is swept far is blurred
