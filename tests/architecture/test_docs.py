@@ -222,7 +222,8 @@ def test_the_python_of_the_pages_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     for block in re.findall(r"^```python\n(.*?)^```", (ROOT / "docs/python.md").read_text(), re.DOTALL | re.MULTILINE):
         exec(block, names)
     assert names["found"].verdict == ("table_tilt",)
-    said = str(names["found"]).splitlines()
+    headline, *said = str(names["found"]).splitlines()
+    assert headline.startswith("A table that is not level (certain)")
     assert [line.split(":")[0] for line in said] == ["missing", "size", "certainty", "next"]
     slope, (before, after) = (
         re.findall(r"table_tilt \(slope_x (\S+)", said[0])[0],
