@@ -1,7 +1,7 @@
 """From tracks to rests and moves: where each ball is at rest, when it moves, and whether it drops into a pocket.
 
-In: the tracks of a footage. Out: `TrackedScene`, with the rests and the moves of all balls. A ball is at rest while its
-detections stay in one place; a move is what it does from one rest to the next.
+In: the tracks of a footage. Out: `TrackedScene`, with the phases, the rests and the moves of all balls. A move is what a
+ball does from one rest to the next.
 """
 
 from __future__ import annotations
@@ -17,15 +17,12 @@ from numpy.typing import NDArray
 from models.shot import Table
 from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.phases import Phase, phases
 
-MIN_REST_S = 0.15  # in which a ball at rest stays in its place
-MIN_REST_DETECTIONS = 3  # of a rest
-MAX_SWING_RADII = 0.1  # between two places of one ball at rest, between which its fits jump
-SWING_QUANTILE = 0.95  # of its distances from its place at rest, beyond which a ball has left it
+MIN_REST_DETECTIONS = 3  # two parabolas that meet make a rest of two
 MAX_UNSEEN_S = 0.1  # a ball hidden for longer was set in motion unseen
 MAX_BRIDGED_S = 0.5  # a ball hidden for longer may have been moved by hand
-BRIDGE_DETECTIONS = 12  # from which the way back over a gap is extrapolated
-MAX_ASIDE_RADII = 0.3  # of its path from where it rested
+SURE_SD = 4.0  # standard deviations by which a path may miss a place that it comes from
 MAX_DROP_S = 0.1  # after its last detection, within which a ball drops into a pocket
 
 
@@ -39,7 +36,6 @@ class TrackedScene:
     table: Table
     radius: float  # of the balls [m]
     sigma: float  # standard deviation of a detection, per axis [m]
-    rest_sigma: float = math.nan  # the same of balls of which many rest, where it is smaller [m]
 
     def time_of(self, frame: int) -> float:
         """Time of a frame [s]."""
@@ -50,15 +46,24 @@ class TrackedScene:
         """Between two frames [s]."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 1 else 1.0
 
+    def read(self, track: BallTrack) -> tuple[tuple[Phase, ...], NDArray[np.bool_]]:
+        """The phases of a track, and which of its detections (n,) are none of the ball."""
+        return phases(track, self.sigma, self.radius, math.sqrt(self.table.length * self.table.width))
+
+    @cached_property
+    def phases(self) -> dict[str, tuple[Phase, ...]]:
+        """Phases of every ball."""
+        return {track.name: self.read(track)[0] for track in self.tracks}
+
     @cached_property
     def resting(self) -> dict[str, list[tuple[int, int]]]:
         """First and last detection of every rest of every ball."""
-        return {track.name: rests(self, track) for track in self.tracks}
+        return {track.name: _rests(self, track) for track in self.tracks}
 
     @cached_property
     def moves(self) -> list[Move]:
         """Moves of all balls."""
-        return [move for track in self.tracks for move in moves_of(self, track, self.resting[track.name])]
+        return [move for track in self.tracks for move in _moves(self, track)]
 
     def at_rest(self, track: BallTrack) -> NDArray[np.bool_]:
         """Which detections of a ball are at rest: (n,)."""
@@ -73,6 +78,7 @@ class Move:
     """Motion of a ball from one rest to the next."""
 
     track: BallTrack
+    phases: tuple[Phase, ...]  # of it
     first: int  # its first detection away from its rest
     stop: int  # detection that begins the next rest; the number of detections if there is none
     place: Array | None  # of its rest (2,) [m]; None if that was not seen
@@ -90,29 +96,6 @@ class Move:
         return int(self.track.frame[self.first])
 
     @property
-    def onset(self) -> float:
-        """Time at which it began to move, extrapolated from its first detections in motion [s]."""
-        track, first = self.track, self.first
-        if self.place is None:
-            return float(track.time[first])
-        speed = float(np.linalg.norm(mean_velocity(track, first, self.stop)))
-        distance = float(np.linalg.norm(track.xy[first] - self.place))
-        if self.hidden:
-            return float(track.time[first]) - min(self._way_back(self.place, distance, speed), self.hidden)
-        return max(float(track.time[first]) - distance / max(speed, 1e-6), float(track.time[max(first - 3, 0)]))
-
-    def _way_back(self, place: Array, distance: float, speed: float) -> float:
-        """Time since the ball left its rest at this distance [m], slowing as it does in its first detections [s]."""
-        part = slice(self.first, min(self.first + BRIDGE_DETECTIONS, self.stop))
-        time = self.track.time[part] - self.track.time[self.first]
-        along = (self.track.xy[part] - place) @ (self.track.xy[self.first] - place) / max(distance, 1e-9)
-        half_slowing, start_speed, start = np.polyfit(time, along, 2) if len(time) > 3 else (0.0, speed, distance)
-        inside = start_speed**2 - 4 * half_slowing * start
-        if half_slowing >= 0 or inside < 0:
-            return distance / max(speed, 1e-6)
-        return float((start_speed - math.sqrt(inside)) / (2 * half_slowing))
-
-    @property
     def lost(self) -> bool:
         """Whether it was not seen again."""
         return self.stop == len(self.track.frame)
@@ -122,31 +105,59 @@ class Move:
         """The last frame in which it moved."""
         return int(self.track.frame[self.stop - 1])
 
+    @property
+    def _begins(self) -> Phase | None:
+        """The phase with which it begins; None if only one detection shows it."""
+        one = next((one for one in self.phases if not one.rest), self.phases[0])
+        return one if one.stop - max(one.first, self.first) > 1 else None
 
-def rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
-    """First and last detection of every rest."""
-    count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
-    if len(track.frame) < count:
-        return []
-    room = 2 * max(4 * float(np.fmin(scene.sigma, scene.rest_sigma)), 0.025 * scene.radius)
-    windows = np.lib.stride_tricks.sliding_window_view(track.xy, count, axis=0)
-    # A fit may jump between two places near each other: then a ball at rest comes back, one that rolls does not.
-    half = count // 2
-    drift = np.median(windows[:, :, -half:], axis=2) - np.median(windows[:, :, :half], axis=2)
-    swing = max(room, MAX_SWING_RADII * scene.radius)
-    still = ((np.ptp(windows, axis=2) < swing) & (np.abs(drift) < room / 2)).all(axis=1)
-    joined = np.zeros(len(track.frame) - 1, bool)  # whether a detection and the next are of one rest
-    for k in range(count - 1):
-        joined[k : k + len(still)] |= still
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
+    @property
+    def velocity(self) -> Array:
+        """Velocity with which it begins (2,) [m/s]; where one detection shows it, that of the faster step beside it."""
+        track = self.track
+        if (one := self._begins) is not None:
+            return one.velocity(float(track.time[max(one.first, self.first)]))
+        rows = range(max(self.first - (self.place is not None), 0), min(self.first + 2, len(track.time)))
+        steps = [(track.xy[k + 1] - track.xy[k]) / (track.time[k + 1] - track.time[k]) for k in rows if k + 1 in rows]
+        return np.asarray(max(steps, key=lambda step: float(np.linalg.norm(step)))) if steps else np.zeros(2)
+
+    @property
+    def onset(self) -> float:
+        """Time at which it began to move, extrapolated from its first phase [s]."""
+        track, first = self.track, self.first
+        seen = float(track.time[first])
+        if self.place is None:
+            return seen
+        rested = float(track.time[first - 1])
+        if (one := self._begins) is not None:
+            later = float(track.time[min(first + 1, self.stop - 1)])  # the first may have been seen at rest still
+            return float(np.clip(_left(one, self.place, later - one.start), rested, later))
+        way, speed = np.linalg.norm(track.xy[first] - self.place), np.linalg.norm(self.velocity)
+        return max(seen - float(way / max(speed, 1e-9)), rested)
+
+
+def _left(one: Phase, place: Array, latest: float = 0.0) -> float:
+    """When the path of a phase was nearest to a place (2,), not later than `latest` after its start [s]."""
+    offset, velocity, half = one.state[0] - place, one.state[1], one.state[2]
+    # The derivative of the square of the distance is a cubic.
+    cubic = [2 * half @ half, 3 * half @ velocity, velocity @ velocity + 2 * half @ offset, velocity @ offset]
+    roots = np.roots(cubic)
+    back = [r.real for r in roots if abs(r.imag) < 1e-9 and r.real <= latest]
+    return one.start + (max(back) if back else 0.0)
+
+
+def _rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
+    """First and last detection of every rest: of phases at rest, between which the ball goes nowhere."""
     found: list[tuple[int, int]] = []
-    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for one in scene.phases[track.name]:
+        if not one.rest or one.stop - one.first < MIN_REST_DETECTIONS:
+            continue
+        first, last = one.first, one.stop - 1
         if found:
             previous = rest_place(track, *found[-1])
-            moved = np.linalg.norm(rest_place(track, first, last) - previous)
-            returned = moved < max(6 * scene.sigma, 0.1 * scene.radius)
             between = np.linalg.norm(track.xy[found[-1][1] : first] - previous, axis=1)
-            if returned and (between > scene.radius / 2).sum() < 3:  # the cue or a hand covered it
+            returned = np.linalg.norm(rest_place(track, first, last) - previous) < scene.radius / 2
+            if returned and (between > scene.radius / 2).sum() < 2:  # a shadow, the cue or a hand beside it
                 found[-1] = (found[-1][0], last)
                 continue
         found.append((first, last))
@@ -157,63 +168,44 @@ def rest_place(track: BallTrack, first: int, last: int) -> Array:
     return np.asarray(np.median(track.xy[first : last + 1], axis=0))
 
 
-def moves_of(scene: TrackedScene, track: BallTrack, resting: Sequence[tuple[int, int]]) -> list[Move]:
+def _moves(scene: TrackedScene, track: BallTrack) -> list[Move]:
     """Moves of a ball between its rests, by half a radius or more."""
-    n = len(track.frame)
-    found = []
-    bounds = [None, *resting]
-    for k, rest in enumerate(bounds):
-        stop = resting[k][0] if k < len(resting) else n
+    n, found = len(track.frame), []
+    resting = scene.resting[track.name]
+    for k, rest in enumerate([None, *resting]):
+        first, stop = 0 if rest is None else rest[1] + 1, resting[k][0] if k < len(resting) else n
+        if stop == first:
+            continue
+        of = tuple(one for one in scene.phases[track.name] if one.stop > first and one.first < stop)
         if rest is None:
             end = rest_place(track, *resting[0]) if resting else track.xy[stop - 1]
-            far = np.linalg.norm(track.xy[:stop] - end, axis=1) > scene.radius / 2
-            if stop > MIN_REST_DETECTIONS and far.sum() > 1:
-                found.append(Move(track, 0, stop, None, -1))
+            if stop > 1 and (np.linalg.norm(track.xy[:stop] - end, axis=1) > scene.radius / 2).any():
+                found.append(Move(track, of, 0, stop, None, -1))
             continue
-        count = max(MIN_REST_DETECTIONS, int(MIN_REST_S / scene.period) + 1)
-        place = rest_place(track, max(rest[0], rest[1] - 30 - count), max(rest[1] - count, rest[0] + 1))
-        distance = np.linalg.norm(track.xy - place, axis=1)
-        resting_part = distance[rest[0] : max(rest[1] - count, rest[0] + 1)]
-        swing = min(1.2 * float(np.quantile(resting_part, SWING_QUANTILE)), MAX_SWING_RADII * scene.radius)
-        away = distance > max(5 * scene.sigma, 0.02 * scene.radius, swing)
-        first = max(rest[0] + 1, rest[1] - count)
-        while first < stop and not away[first : first + 3].all():
-            first += 1
-        far = np.linalg.norm(track.xy[first:stop] - place, axis=1) > scene.radius / 2
-        if far.sum() < 2:  # a shadow or the cue beside a ball shifts its detections, too
+        # The place just before: light and shadows that move shift a ball that rests for long.
+        place = rest_place(track, max(rest[0], rest[1] - 30), rest[1])
+        far = np.linalg.norm(track.xy[first : min(stop + 1, n)] - place, axis=1) > scene.radius / 2
+        if not far.any():
             continue
         gap = float(track.time[first] - track.time[first - 1])
         hidden = gap if gap > max(MAX_UNSEEN_S, 3.5 * scene.period) else 0.0
-        bridged = not hidden or _leads_back(scene, track, first, stop, place)
-        found.append(Move(track, first, stop, place if bridged else None, int(track.frame[first - 1]), hidden))
+        bridged = not hidden or _leads_back(scene, track, of[0], gap, place)
+        found.append(Move(track, of, first, stop, place if bridged else None, int(track.frame[first - 1]), hidden))
     return found
 
 
-def _leads_back(scene: TrackedScene, track: BallTrack, first: int, stop: int, place: Array) -> bool:
-    """Whether the path of a ball seen after a gap leads straight back to its rest, in less time than it was hidden."""
-    gap = float(track.time[first] - track.time[first - 1])
-    if gap > MAX_BRIDGED_S or stop - first < MIN_REST_DETECTIONS:
+def _leads_back(scene: TrackedScene, track: BallTrack, one: Phase, gap: float, place: Array) -> bool:
+    """Whether the path of a ball that is seen after a gap [s] leads back to its rest within the gap."""
+    if gap > MAX_BRIDGED_S or one.stop - one.first < MIN_REST_DETECTIONS:
         return False
-    velocity, offset = mean_velocity(track, first, stop), track.xy[first] - place
-    speed, distance = float(np.linalg.norm(velocity)), float(np.linalg.norm(offset))
-    aside = abs(float(velocity[0] * offset[1] - velocity[1] * offset[0])) / max(speed, 1e-9)
-    straight = aside < max(MAX_ASIDE_RADII * scene.radius, 5 * scene.sigma) and float(velocity @ offset) > 0
-    return straight and distance < speed * (gap + scene.period)
+    left = _left(one, place)
+    miss = float(np.linalg.norm(one.place(left) - place))
+    return one.start - left < gap + scene.period and miss < SURE_SD * math.hypot(one.place_sd(left), scene.sigma)
 
 
-def mean_velocity(track: BallTrack, first: int, stop: int, most: int = 4) -> Array:
-    """Mean velocity over the first few detections (2,) [m/s]."""
-    last = min(first + most, stop, len(track.frame)) - 1
-    if last <= first:
-        first, last = max(first - 1, 0), max(last, 1)
-    return np.asarray((track.xy[last] - track.xy[first]) / (track.time[last] - track.time[first]))
-
-
-def fastest_step(track: BallTrack, first: int, stop: int, most: int = 4) -> float:
-    """Greatest speed between two of the first few detections, before an impact slows the ball [m/s]."""
-    last = min(first + most, stop, len(track.frame))
-    steps = np.linalg.norm(np.diff(track.xy[first:last], axis=0), axis=1) / np.diff(track.time[first:last])
-    return float(steps.max(initial=0.0))
+def phase_at(scene: TrackedScene, track: BallTrack, row: int) -> Phase:
+    """The phase of a detection of a ball."""
+    return next(one for one in scene.phases[track.name] if row < one.stop)
 
 
 def pocketed(scene: TrackedScene, track: BallTrack, rows: NDArray[np.int64]) -> int | None:
@@ -229,7 +221,12 @@ def pocketed(scene: TrackedScene, track: BallTrack, rows: NDArray[np.int64]) -> 
         delays = np.linspace(0, max(MAX_DROP_S, 3 * scene.period), 40)
         if scene.times[-1] - track.time[last] < delays[-1] / 2:
             delays = delays[:1]
-        onwards = track.xy[last] + delays[:, None] * mean_velocity(track, max(last - 2, 0), last + 1)
+        one = phase_at(scene, track, last)
+        if one.stop - one.first < 2 and last:
+            step = (track.xy[last] - track.xy[last - 1]) / (track.time[last] - track.time[last - 1])
+        else:
+            step = one.velocity(float(track.time[last]))
+        onwards = track.xy[last] + delays[:, None] * step
         if _in_pocket_mouth(scene, onwards, scene.radius / 2).any():
             outside = rows[: k + 1][~_in_pocket_mouth(scene, track.xy[rows[: k + 1]], 0.0)]
             return int(track.frame[outside[-1]]) if outside.size else None

@@ -17,10 +17,10 @@ from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, difference_noise
-from sysid.vision.tracks.outliers import without_outliers
 from sysid.vision.tracks.picks import find_picks
 from sysid.vision.tracks.rates import even_times, regular_gaps
 from sysid.vision.tracks.stamps import delays, doubled, missing
+from sysid.vision.tracks.strays import without_strays
 
 MAX_LISTED = 8  # frames that are named
 
@@ -49,12 +49,15 @@ class TimedTracks:
         tracks = [replace(t, time=t.time + late[np.searchsorted(self.frames, t.frame)]) for t in self.tracks]
         return replace(self, tracks=tracks, times=times, notes=(*self.notes, *notes))
 
+    def scene(self, camera: Camera, sigma: float) -> TrackedScene:
+        """The same with the table, and a standard deviation of detections [m]."""
+        return TrackedScene(self.tracks, self.frames, self.times, camera.table, camera.radius, sigma)
+
     def resting_noise(self, camera: Camera) -> float:
         """Of balls at rest, per axis [m]; a usual value where none rests."""
         if len(self.times) < 2 or not self.tracks:
             return math.nan
-        scene = TrackedScene(self.tracks, self.frames, self.times, camera.table, camera.radius, 0.0)
-        sigma = difference_noise(scene, resting=True)
+        sigma = difference_noise(self.scene(camera, 0.0), resting=True)
         return sigma if math.isfinite(sigma) else DEFAULT_NOISE_RADII * camera.radius
 
 
@@ -87,21 +90,21 @@ def set_right(found: TimedTracks, twice: NDArray[np.bool_], camera: Camera) -> T
         times, period = even
         found = found.at(times, f"pictures were taken at an even {1 / period:.3g} a second: times set right")
         found = replace(found, rate=1 / period)
-    gaps = _gaps(found, period, sigma, camera.radius)
+    gaps = _gaps(found, period, found.scene(camera, sigma))
     conversion = regular_gaps(gaps)
     if conversion is not None:
         found = found.at(conversion.source_times(found.frames, found.times, period), conversion.text(period))
         period *= conversion.share
         found = replace(found, rate=1 / period)
-        gaps = _gaps(found, period, sigma, camera.radius)
+        gaps = _gaps(found, period, found.scene(camera, sigma))
     notes = [f"before frame {f} {n} missing, though stamps are even: later stamps set right" for f, n in gaps.items()]
     return found.at(found.times + delays(found.frames, gaps, period), *notes)
 
 
-def _gaps(found: TimedTracks, period: float, sigma: float, radius: float) -> dict[int, int]:
-    """Missing pictures, by the frame after them, of a film with pictures at an interval [s]; balls of a radius [m]."""
-    tracks = [without_outliers(track, sigma, radius, []) for track in found.tracks]
-    return missing(tracks, found.frames, period, sigma)
+def _gaps(found: TimedTracks, period: float, scene: TrackedScene) -> dict[int, int]:
+    """Missing pictures, by the frame after them, of a film with pictures at an interval [s]."""
+    tracks = [without_strays(scene, track, []) for track in found.tracks]
+    return missing(tracks, found.frames, period, scene.sigma)
 
 
 def _listed(frames: Sequence[int]) -> str:

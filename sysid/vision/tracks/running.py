@@ -15,8 +15,8 @@ import numpy as np
 
 from models.shot import Ball
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips.running import MAX_BENT_SD, from_free_motion
-from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, mean_velocity
+from sysid.clips.running import from_free_motion
+from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, phase_at
 from sysid.vision.tracks.strikes import (
     MIN_CLIP_DETECTIONS,
     FoundShots,
@@ -28,11 +28,6 @@ from sysid.vision.tracks.strikes import (
 )
 
 UNUSED_MASS_KG = 1.0  # of a ball, which no motion shows
-MAX_STRUCK_S = 0.3  # after the video begins, within which a ball may be struck that was not seen at rest for long
-STRUCK_STEPS = 5  # after the strike, from which the speed is known
-MAX_SLOW_SHARE = 0.1  # of it, before the strike
-MIN_FAST_SHARE = 0.75  # and in each of these steps,
-MAX_GAIN = 1.1  # in which it grows no more than by this factor
 TOO_SHORT = "too little of it is followed freely"
 
 
@@ -91,36 +86,11 @@ def _running(scene: TrackedScene, one: Unstruck, strikes: Iterable[int]) -> tupl
         return None, why
     by_hand = [move for move in moving if gains_speed(scene, move)]
     if by_hand:
-        frame, shot = _struck_at(scene, by_hand[0]), None
-        if frame is not None:
-            why = f"{by_hand[0].name} was struck just after the video begins"
-            shot, _ = _running(scene, dataclasses.replace(one, frame=frame, why=why), strikes)
-        return shot, f"{by_hand[0].name} gains speed, as if moved by hand" * (shot is None)
+        return None, f"{by_hand[0].name} gains speed, as if moved by hand"
     shot = TrackedShot(
         names[0], scene.time_of(start), start, last, seen.names, 0.0, seen.potted, (*ends, *seen.remarks), running=names
     )
     return _begun(scene, shot, one.why)
-
-
-def _struck_at(scene: TrackedScene, move: Move) -> int | None:
-    """The frame from which on a ball moves that was struck just after the video begins; None where it was not.
-
-    A cue gives it its speed within one step or two, a hand over many.
-    """
-    if move.place is not None:
-        return None
-    track, rows = move.track, slice(move.first, move.stop)
-    speed = np.hypot(*np.diff(track.xy[rows], axis=0).T) / np.diff(track.time[rows])
-    noise = MAX_BENT_SD * scene.sigma / scene.period
-    for k in range(len(speed) - STRUCK_STEPS):
-        if track.time[move.first + k] - scene.times[0] > MAX_STRUCK_S:
-            return None
-        after = speed[k + 1 : k + 1 + STRUCK_STEPS]
-        usual = float(np.median(after))
-        still = speed[:k].max(initial=0.0) < MAX_SLOW_SHARE * usual + noise
-        if still and after.min() > MIN_FAST_SHARE * usual and after.max() < MAX_GAIN * after[0] + noise:
-            return int(track.frame[move.first + k + 1])
-    return None
 
 
 def _since(move: Move, frame: int) -> Move:
@@ -144,7 +114,7 @@ def _begun(scene: TrackedScene, shot: TrackedShot, why: str) -> tuple[TrackedSho
     k = min(int(np.searchsorted(scene.times, clip.origin - scene.period / 2)), len(scene.frames) - 1)
     first, track = int(scene.frames[k]), tracks[clip.struck]
     row = int(np.searchsorted(track.frame, first))
-    speed = float(np.linalg.norm(mean_velocity(track, row, len(track.frame))))
+    speed = float(np.linalg.norm(phase_at(scene, track, row).velocity(float(track.time[row]))))
     remark = f"in mid-motion from frame {first} on, {_listed(clip.running)} moving: {why}"
     return dataclasses.replace(
         shot, struck=clip.struck, time=scene.time_of(first), first=first, speed=speed, running=clip.running,

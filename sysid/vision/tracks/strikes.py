@@ -1,11 +1,11 @@
 """From moves to shots: when a ball is struck, what belongs to the shot, and what is left out and why.
 
 In: the tracked scene. Out: `TrackedShot` in order of time, and messages on what was left out. A ball is set in motion
-by a moving ball that comes as near as a touch; otherwise it was struck, or moved by hand. A strike takes a millisecond
-or two, after which the ball is at its full speed; a ball that gains speed on free cloth was moved by hand. A shot lasts
-until all balls are at rest, potted or lost, or something else is set in motion. Its clip begins with the first frame
-exposed wholly after the strike, or with the last one before it if the struck ball has touched another by then. Motion
-of which no shot can be made begins in mid-motion: running.py.
+by a moving ball that may touch it then, as far as their phases tell; otherwise it was struck, or moved by hand. A
+strike takes a millisecond or two, after which the ball is at its full speed; a ball that gains speed on free cloth was
+moved by hand. A shot lasts until all balls are at rest, potted or lost, or something else is set in motion. Its clip
+begins with the first frame exposed wholly after the strike, or with the last one before it if the struck ball has
+touched another by then. Motion of which no shot can be made begins in mid-motion: running.py.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.vision.tracks.jumps import first_jump
+from sysid.vision.tracks.breaks import first_break
 from sysid.vision.tracks.moves import (
     MAX_UNSEEN_S,
     MIN_REST_DETECTIONS,
+    SURE_SD,
     Move,
     TrackedScene,
-    fastest_step,
-    mean_velocity,
     pocketed,
     rest_place,
 )
@@ -31,12 +30,13 @@ from sysid.vision.tracks.moves import (
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-MIN_JUDGED_FRAMES = 2.5  # over which a speed is taken: the strike may fall into them, one of them may be late
-MIN_SPEED_RATIO = 0.7  # of the first speed to later ones; below it a ball was moved by hand
 MAX_LULL_S = 1.0  # without motion, after which a shot is over
+TOUCH_RADII = 2.2  # between balls that may touch: two radii, and what is uncertain about them
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
 MIN_BEHIND_COSINE = 0.87  # of the angle between the velocity of a ball and the line from the ball that pushed it
-MIN_CLIP_DETECTIONS = 5  # of the struck ball
+# A ball that is struck at the utmost height, half a radius above its middle, rolls at 5/7 + 2/7 * 5/4 of its speed.
+MAX_ROLLING_GAIN = 1.08
+MIN_CLIP_DETECTIONS = 5  # of what moves, that hold more values than the start of a stroke: place, velocity and spin
 
 
 @dataclass(frozen=True)
@@ -105,23 +105,28 @@ def split_shots(scene: TrackedScene) -> FoundShots:
 
 def _may_touch(scene: TrackedScene, other: Move, move: Move) -> bool:
     """Whether a moving ball touches, or may have touched unseen, a ball at rest just when that begins to move."""
+    if move.place is None:
+        return False
     track, arrived = other.track, float(move.track.time[move.first])
     departed = float(move.track.time[move.first - 1])
     last = int(np.searchsorted(track.time, departed, side="right")) - 1
-    velocity = mean_velocity(track, max(last - 1, other.first - 1, 0), last + 1)
-    speed, unseen = float(np.linalg.norm(velocity)), arrived - float(track.time[last])
-    times = np.linspace(departed, arrived, 9)
-    places = track.xy[last] + (times - track.time[last])[:, None] * velocity
-    room = 2.3 * scene.radius + 6 * scene.sigma + 0.25 * speed * (arrived - departed)
-    if last + 1 < len(track.time) and track.time[last + 1] - track.time[last] < MAX_UNSEEN_S:
-        between = np.column_stack([np.interp(times, track.time, track.xy[:, k]) for k in (0, 1)])
-        places = np.concatenate([places, between])
-    elif unseen > MAX_UNSEEN_S:
-        dropped = other.lost and pocketed(scene, track, np.arange(other.first, other.stop)) is not None
-        if dropped or (other.lost and unseen > MAX_LOST_S):
+    touch, unseen = TOUCH_RADII * scene.radius, departed - float(track.time[last])
+    if other.lost and last + 1 == len(track.time) and unseen > MAX_UNSEEN_S:
+        if unseen > MAX_LOST_S or pocketed(scene, track, np.arange(other.first, other.stop)) is not None:
             return False
-        places, room = track.xy[last][None], room + speed * unseen
-    return move.place is not None and float(np.linalg.norm(places - move.place, axis=1).min()) < room
+        speed = float(np.linalg.norm(other.phases[-1].velocity(float(track.time[last]))))
+        return float(np.linalg.norm(track.xy[last] - move.place)) < touch + speed * unseen
+    for one in other.phases:
+        after = float(track.time[one.stop]) if one.stop < len(track.time) else math.inf
+        before = float(track.time[one.first - 1]) if one.first else -math.inf
+        if before > arrived or after < departed:
+            continue
+        # Where this phase may have been meanwhile: it ends, or began, between two detections.
+        for time in np.linspace(max(departed, before), min(arrived, after), 9):
+            sd = math.hypot(one.place_sd(time), scene.sigma)
+            if np.linalg.norm(one.place(time) - move.place) < touch + SURE_SD * sd:
+                return True
+    return False
 
 
 def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
@@ -160,9 +165,10 @@ def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
 def _simultaneous(scene: TrackedScene, one: Move, two: Move) -> bool:
     if one.place is None or two.place is None or abs(one.onset - two.onset) > SIMULTANEOUS_FRAMES * scene.period:
         return False
-    fastest = max(fastest_step(m.track, m.first, m.stop) for m in (one, two))
+    fastest = max(float(np.linalg.norm(m.velocity)) for m in (one, two))
     between = float(np.linalg.norm(one.place - two.place))
-    return between < 2.3 * scene.radius + (SIMULTANEOUS_FRAMES + 0.5) * fastest * scene.period + 6 * scene.sigma
+    reach = (SIMULTANEOUS_FRAMES + 0.5) * fastest * scene.period
+    return between < TOUCH_RADII * scene.radius + reach + SURE_SD * scene.sigma
 
 
 def _struck(scene: TrackedScene, group: Sequence[Move]) -> Move:
@@ -174,7 +180,7 @@ def _struck(scene: TrackedScene, group: Sequence[Move]) -> Move:
         total = 0.0
         for other in group:
             if other is not one and one.place is not None and other.place is not None:
-                velocity, offset = mean_velocity(other.track, other.first, other.stop), other.place - one.place
+                velocity, offset = other.velocity, other.place - one.place
                 total += float(np.linalg.norm(velocity) - velocity @ offset / np.linalg.norm(offset))
         return round(total, 3), one.name.split("_")[0] not in ("white", "cue")
 
@@ -192,41 +198,40 @@ def _first_contact(scene: TrackedScene, move: Move) -> int:
     for other in scene.tracks:
         if other.name != track.name:
             other_xy = np.column_stack([np.interp(time, other.time, other.xy[:, k]) for k in (0, 1)])
-            room = np.minimum(room, np.linalg.norm(xy - other_xy, axis=1) - 2.3 * r - step)
+            room = np.minimum(room, np.linalg.norm(xy - other_xy, axis=1) - TOUCH_RADII * r - step)
     touched = np.flatnonzero(room < 0)
     return move.first + (int(touched[0]) if touched.size else len(time))
 
 
 def _fault(scene: TrackedScene, move: Move) -> str:
     """Why this was no clean stroke of a cue; empty if it was."""
-    track = move.track
-    velocity = mean_velocity(track, move.first, move.stop)
+    velocity = move.velocity
     for other in scene.tracks:
         k = int(np.searchsorted(other.frame, move.before, side="right")) - 1
         if move.place is None or other.name == move.name or k < 0:
             continue
         offset = move.place - other.xy[k]
         gap, speed = float(np.linalg.norm(offset)), float(np.linalg.norm(velocity))
-        if gap < 2.1 * scene.radius + 6 * scene.sigma and velocity @ offset > MIN_BEHIND_COSINE * gap * speed:
+        if (
+            gap < TOUCH_RADII * scene.radius + SURE_SD * scene.sigma
+            and velocity @ offset > MIN_BEHIND_COSINE * gap * speed
+        ):
             return f"was struck through {other.name}, which touched it: left out"
     return "gained speed slowly, as if moved by hand: left out" if gains_speed(scene, move) else ""
 
 
 def gains_speed(scene: TrackedScene, move: Move) -> bool:
-    """Whether a ball gains speed on free cloth, before it touches another or a cushion."""
-    track, xy = move.track, move.track.xy
-    min_distance = max(scene.radius / 2, 20 * scene.sigma)
-    start, stop, first_speed = move.first, _first_contact(scene, move), math.nan
-    for k in range(move.first + 1, stop):
-        distance = float(np.linalg.norm(xy[k] - xy[start]))
-        lasts = float(track.time[k] - track.time[start])
-        if distance >= min_distance and lasts > MIN_JUDGED_FRAMES * scene.period:
-            speed = distance / lasts
-            if first_speed < MIN_SPEED_RATIO * speed:
+    """Whether a ball gains more speed on free cloth than its spin can give, before it touches another or a cushion."""
+    track, stop, least = move.track, _first_contact(scene, move), math.inf
+    for one in move.phases:
+        first, last = max(one.first, move.first), min(one.stop, stop) - 1
+        if one.rest or last - first < 1:
+            continue
+        for time in (float(track.time[first]), float(track.time[last])):
+            speed, sd = float(np.linalg.norm(one.velocity(time))), SURE_SD * one.velocity_sd(time)
+            if speed - sd > MAX_ROLLING_GAIN * least:
                 return True
-            if math.isnan(first_speed):
-                first_speed, min_distance = speed, 2 * min_distance
-            start = k
+            least = min(least, speed + sd)
     return False
 
 
@@ -235,15 +240,14 @@ def _shot(
 ) -> tuple[TrackedShot | None, str]:  # fmt: skip
     """The shot that a strike begins, or why there is none."""
     track = struck.track
-    velocity = mean_velocity(track, struck.first, max(_first_contact(scene, struck), struck.first + 2))
-    speed = float(np.linalg.norm(velocity))
     time = min(struck.onset, *(m.onset for m in group))
     k = struck.first
     while k < struck.stop - 1 and track.time[k] - time < 0.5 * scene.period + MAX_CONTACT_S:
         k += 1
     first = int(track.frame[k])
     after = [m for m in moves if m.name != struck.name and struck.before - 2 <= m.before and m.before < limit]
-    if any(m.onset < track.time[k] for m in [*group, *after] if m is not struck and m.place is not None):
+    touched = any(m.onset < track.time[k] for m in [*group, *after] if m is not struck and m.place is not None)
+    if touched or any(struck.before <= one.frame[-1] < first for one in scene.tracks):
         first = min(m.before for m in group)
     for move in moves:
         if move not in group and move.began <= struck.before and move.ended > struck.began:
@@ -253,10 +257,14 @@ def _shot(
     seen, why = balls_there(scene, (struck.name,), first, last, after)
     if seen is None:
         return None, why
-    struck_frames = track.frame[(track.frame >= first) & (track.frame <= seen.potted.get(struck.name, last))]
-    if len(struck_frames) < MIN_CLIP_DETECTIONS:
-        return None, f"{len(struck_frames)} detections of it are too few"
+    shown = sum(
+        int(((m.track.frame >= max(first, m.began)) & (m.track.frame <= min(m.ended, last))).sum())
+        for m in (struck, *after)
+    )
+    if shown < MIN_CLIP_DETECTIONS:
+        return None, f"{shown} detections of what moves are too few"
     remarks += [*ends, *seen.remarks]
+    speed = float(np.linalg.norm(struck.velocity))
     return TrackedShot(struck.name, time, first, last, seen.names, speed, seen.potted, tuple(remarks)), ""
 
 
@@ -271,8 +279,7 @@ def ending(scene: TrackedScene, first: int, covered: int, after: Sequence[Move],
     last = min(
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit
     )
-    there = [track for track in scene.tracks if track.frame[0] <= first]  # what comes later is in no clip
-    last, jumps = first_jump(there, first, last)
+    last, jumps = first_break(scene, first, last)
     remarks = [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
     if last >= scene.frames[-1] and covered >= scene.frames[-1] - 1:
         remarks.append("cut off by the end of the video")

@@ -25,13 +25,13 @@ from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.naming import named
 from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, Noise, difference_noise, estimate_noise
-from sysid.vision.tracks.outliers import without_outliers
 from sysid.vision.tracks.picks import UNEVEN_SD, seem_uneven
 from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.places import PlaceError, place_error
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import marked
+from sysid.vision.tracks.strays import without_strays
 from sysid.vision.tracks.strikes import TrackedShot, split_shots
 from sysid.vision.tracks.unsaid import unsaid
 
@@ -186,10 +186,10 @@ def tracked(
     scene = TrackedScene(tracks, frames, times, camera.table, camera.radius, 0.0)
     initial_noise = difference_noise(scene, resting=True)
     scene = replace(scene, sigma=initial_noise if math.isfinite(initial_noise) else DEFAULT_NOISE_RADII * camera.radius)
-    scene = replace(scene, tracks=[without_outliers(track, scene.sigma, camera.radius, notes) for track in tracks])
+    scene = replace(scene, tracks=[without_strays(scene, track, notes) for track in tracks])
     noise = estimate_noise(scene)
     if math.isfinite(noise.sigma):
-        scene = replace(scene, sigma=max(noise.sigma, 1e-6), rest_sigma=initial_noise)
+        scene = replace(scene, sigma=max(noise.sigma, 1e-6))
     shots, left_out = _shots(scene) if len(frames) > 1 else ([], [])
     kept, doubts, omitted = [], [], left_out
     for shot in shots:
