@@ -1,6 +1,6 @@
 """From tracks to rests and moves: where each ball is at rest, when it moves, and whether it drops into a pocket.
 
-In: the tracks of a footage. Out: `TrackedScene`, with the phases, the rests and the moves of all balls. A move is what a
+In: the tracks of a footage. Out: `TrackedScene`, with the phases, rests and moves of all balls. A move is what a
 ball does from one rest to the next.
 """
 
@@ -150,7 +150,7 @@ def _rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
     """First and last detection of every rest: of phases at rest, between which the ball goes nowhere."""
     found: list[tuple[int, int]] = []
     for one in scene.phases[track.name]:
-        if not one.rest or one.stop - one.first < MIN_REST_DETECTIONS:
+        if not one.still or one.stop - one.first < MIN_REST_DETECTIONS:
             continue
         first, last = one.first, one.stop - 1
         if found:

@@ -27,7 +27,12 @@ if TYPE_CHECKING:
 SPEED_SD_M_S = 3.0
 ACCELERATION_SD_M_S2 = 1.5
 # Priors enter by their logarithms: how often things happen to a ball in a second matters in its order of magnitude.
-STARTS_PER_S, KNOTS_PER_S, STOPS_PER_S, JUMPS_PER_S = 0.2, 2.0, 0.5, 1e-3
+STARTS_PER_S, KNOTS_PER_S, STOPS_PER_S, JUMPS_PER_S, SHIFTS_PER_S = 0.2, 2.0, 0.5, 1e-3, 1.0
+SHIFT_RADII = (
+    0.05  # by which a ball at rest is seen elsewhere, as in other light or another picture of a compressed film
+)
+# Seen to drift, a ball rests: one that rolls is slowed by 0.05 m/s^2 and more, and is no slower for longer.
+DRIFT_M_S, DRIFT_S = 0.005, 0.1
 STRAY_SHARE = 0.01  # of detections that are none of the ball
 KEPT = 64  # readings of the track so far that are carried along, of each kind
 
@@ -41,8 +46,15 @@ class Phase:
     rest: bool
     jumped: bool  # it begins elsewhere than the phase before it ends
     start: float  # time to which the state belongs [s]
+    end: float  # time of its last detection [s]
     state: Array  # (3, 2) place [m], velocity [m/s] and half the acceleration [m/s^2]
     covariance: Array  # (3, 3) of the state, alike for both axes
+
+    @property
+    def still(self) -> bool:
+        """Whether the ball rests, though light or a camera that moves may let it seem to drift."""
+        speeds = [float(np.linalg.norm(self.velocity(t))) for t in (self.start, self.end)]
+        return self.rest or (self.end - self.start >= DRIFT_S and max(speeds) < DRIFT_M_S)
 
     def place(self, time: float) -> Array:
         """Place at a time [s], extrapolated: (2,) [m]."""
@@ -80,9 +92,10 @@ def phases(track: BallTrack, sigma: float, radius: float, extent: float) -> tupl
         return (), stray
     # A ball that is swept far is blurred: the detector says so.
     variance = sigma**2 + (radius * track.sd / np.maximum(track.radius, 1.0)) ** 2
-    rates = np.array([STARTS_PER_S, KNOTS_PER_S, STOPS_PER_S, JUMPS_PER_S])
+    rates = np.array([STARTS_PER_S, KNOTS_PER_S, STOPS_PER_S, JUMPS_PER_S, SHIFTS_PER_S])
     time, xy = np.ascontiguousarray(track.time), np.ascontiguousarray(track.xy)
-    chain = _read(time, xy, variance, extent, rates, SPEED_SD_M_S, ACCELERATION_SD_M_S2, STRAY_SHARE, KEPT)
+    sds = (SHIFT_RADII * radius, SPEED_SD_M_S, ACCELERATION_SD_M_S2)
+    chain = _read(time, xy, variance, extent, rates, sds, STRAY_SHARE, KEPT)
     found = []
     for first, stop, rest, jumped, px, py, var in chain:
         state, covariance, off = _fitted(
@@ -90,7 +103,7 @@ def phases(track: BallTrack, sigma: float, radius: float, extent: float) -> tupl
             SPEED_SD_M_S, ACCELERATION_SD_M_S2, STRAY_SHARE,
         )  # fmt: skip
         stray[first:stop] = off
-        found.append(Phase(first, stop, rest, jumped, float(time[first]), state, covariance))
+        found.append(Phase(first, stop, rest, jumped, float(time[first]), float(time[stop - 1]), state, covariance))
     return tuple(found), stray
 
 
@@ -139,9 +152,10 @@ def _fitted(time, xy, variance, rest, place, place_var, extent, speed_sd, accele
 
 
 @compiled
-def _read(time, xy, variance, extent, rates, speed_sd, acceleration_sd, stray_share, kept):  # type: ignore[no-untyped-def]
+def _read(time, xy, variance, extent, rates, sds, stray_share, kept):  # type: ignore[no-untyped-def]
     """The most probable phases: (first, stop, at rest, jumped, prior place x, y, its variance) of each."""
     n, most = len(time), 4 * kept + 8
+    shift_sd, speed_sd, acceleration_sd = sds
     since = np.zeros(most, np.int64)
     kind = np.zeros(most, np.int64)  # 0 at rest, 1 moving
     jump = np.zeros(most, np.bool_)
@@ -175,7 +189,7 @@ def _read(time, xy, variance, extent, rates, speed_sd, acceleration_sd, stray_sh
                 elif before == 1:
                     place_var, rate = (speed * dt) ** 2 + variance[k], rates[2]
                 else:
-                    continue
+                    place_var, rate = shift_sd**2 + variance[k], rates[4]
                 c = count
                 count += 1
                 since[c], kind[c], jump[c] = k, new_kind, jumps == 1
