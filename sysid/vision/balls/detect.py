@@ -75,13 +75,14 @@ class Detector:
         return self.background.noise
 
     def find(
-        self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None
+        self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None,
+        taken: Sequence[Array] = (),
     ) -> list[Detection]:  # fmt: skip
-        """Balls in a picture: all of them, or those that are expected."""
+        """Balls in a picture: those that are expected, or all, but for those found already at the pixels (2,) taken."""
         view = self.background.view(picture)
         wanted = [one for one in expected if np.isfinite(one.xy).all()]
         if self.rough:
-            return self._followed(view, wanted, shutter or Shutter()) if expected else self._discs(view)
+            return self._followed(view, wanted, shutter or Shutter()) if expected else self._discs(view, taken)
         if not expected:
             return self._outlines(view)
         found: list[Detection] = []
@@ -109,15 +110,16 @@ class Detector:
         seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
         return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
 
-    def _discs(self, view: View) -> list[Detection]:
-        """All balls by what they cover."""
+    def _discs(self, view: View, taken: Sequence[Array]) -> list[Detection]:
+        """All balls by what they cover, but for those at the pixels (2,) taken."""
         found: list[Detection] = []
         if self.palette is not None:
             small = view.geometry.radius(np.array(self.camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
-            fits = new_discs(view, None, kind="small" if small else "new")
+            fits = new_discs(view, None, kind="small" if small else "new", taken=taken)
             return [self._unnamed(view, fit) for fit in fits]
         for name, colour in self.ball_colours:
-            for fit in new_discs(view, self._in_picture(view, colour), partial(self._in_picture, view, colour)):
+            shown_at = partial(self._in_picture, view, colour)
+            for fit in new_discs(view, self._in_picture(view, colour), shown_at, taken=taken):
                 found += self._named_disc(view, name, fit, found)
         return found
 

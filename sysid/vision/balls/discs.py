@@ -138,11 +138,17 @@ def acceptable(fit: DiscFit | None, kind: str, error: float = 0.0) -> bool:
 
 
 def new_discs(
-    view: View, colour: Array | None, shown_at: Callable[[Array], Array] | None = None, kind: str = "new"
+    view: View, colour: Array | None, shown_at: Callable[[Array], Array] | None = None, kind: str = "new",
+    taken: Sequence[Array] = (),
 ) -> list[DiscFit]:  # fmt: skip
-    """Balls of this colour anywhere on the bed, not moving fast; `shown_at` is it in the light at a pixel (2,)."""
+    """Balls of this colour anywhere on the bed, not moving fast, but for those at the pixels (2,) taken.
+
+    `shown_at` is the colour in the light at a pixel (2,).
+    """
     fits = []
     for at in peaks(view, colour):
+        if any(np.hypot(*(at - other)) < view.geometry.radius(at) for other in taken):
+            continue
         shown = colour if shown_at is None else shown_at(at)
         fits.append(fit_disc(view, shown, at, view.geometry.radius(at), np.zeros(2)))
     found: list[DiscFit] = []

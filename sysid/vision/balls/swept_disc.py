@@ -69,15 +69,18 @@ def _swept(
                 k = int(depth)
                 disc = RIM_COVER[k] + (depth - k) * (RIM_COVER[k + 1] - RIM_COVER[k])
                 steep = 2 * disc * (1 - disc) / RIM_BLUR_PX
+                inwards = steep / distance
                 total += disc
                 along += disc * x
                 across += disc * b
-                by_a += steep * x / distance
-                by_b += steep * b / distance
+                by_a += inwards * x
+                by_b += inwards * b
                 by_radius += steep
             x -= step
-    rim = count * radius
-    return total / count, by_a / count, by_b / count, by_radius / count, along / rim, across / rim
+        each = 1.0 / count
+        rim = each / radius
+        return each * total, each * by_a, each * by_b, each * by_radius, rim * along, rim * across
+    return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @compiled
@@ -94,44 +97,70 @@ def _normal_equations(
     """
     matrix[:] = 0.0
     right[:] = 0.0
-    sums[:] = 0.0
     length, cosine, sine = _path(motion)
-    row = np.zeros(UNKNOWNS)
+    window, reach = window_radius * window_radius, (radius + RIM_REACH * RIM_BLUR_PX) ** 2
+    squares = weights = covered_squares = capped = 0.0
+    covered = counted = 0
+    # Scalars stay in registers, arrays do not: this loop is most of the time that tracking takes.
+    m00 = m10 = m11 = m20 = m21 = m22 = m30 = m31 = m32 = m33 = m40 = m41 = m42 = m43 = m44 = 0.0
+    m50 = m51 = m52 = m53 = m54 = m55 = r0 = r1 = r2 = r3 = r4 = r5 = 0.0
     for j in range(seen.shape[0]):
         for i in range(seen.shape[1]):
             u, v = i + x0, j + y0
             a, b = u * cosine + v * sine, v * cosine - u * sine
             beyond = max(abs(a) - length / 2, 0.0)
-            if beyond * beyond + b * b >= window_radius * window_radius:
+            distance = beyond * beyond + b * b
+            if distance >= window:
                 continue
-            model, row[0], row[1], row[2], row[4], row[5] = _swept(a, b, radius, length, count)
-            if gain * model > 1.0:
-                model = 1.0
-                row[:] = 0.0
-            elif gain != 1.0:
-                model *= gain
-                row *= gain
-            row[3] = model
-            residual = seen[j, i] - model - shading[0] * row[4] - shading[1] * row[5]
+            d0 = d1 = d2 = model = d4 = d5 = 0.0
+            if distance < reach:
+                model, d0, d1, d2, d4, d5 = _swept(a, b, radius, length, count)
+                if gain * model > 1.0:
+                    model, d0, d1, d2, d4, d5 = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
+                elif gain != 1.0:
+                    model, d0, d1, d2, d4, d5 = gain * model, gain * d0, gain * d1, gain * d2, gain * d4, gain * d5
+            residual = seen[j, i] - model - shading[0] * d4 - shading[1] * d5
             square = residual * residual
-            sums[4] += min(square, limit * limit)
-            sums[5] += 1.0
+            capped += min(square, limit * limit)
+            counted += 1
             if model > COVERED:
-                sums[2] += square
-                sums[3] += 1.0
+                covered_squares += square
+                covered += 1
             if abs(residual) >= limit:
                 continue
             weight = (1 - square / (limit * limit)) ** 2
-            sums[0] += weight * square
-            sums[1] += weight
+            squares += weight * square
+            weights += weight
             if model == 0.0:
                 continue
-            first = 0 if row[2] != 0.0 else 3  # within the rim, only height and shading count
-            for m in range(first, UNKNOWNS):
-                weighed = weight * row[m]
-                right[m] += weighed * residual
-                for n in range(first, m + 1):
-                    matrix[m, n] += weighed * row[n]
+            w3, w4, w5 = weight * model, weight * d4, weight * d5
+            r3, r4, r5 = r3 + w3 * residual, r4 + w4 * residual, r5 + w5 * residual
+            m33 += w3 * model
+            m43, m44 = m43 + w4 * model, m44 + w4 * d4
+            m53, m54, m55 = m53 + w5 * model, m54 + w5 * d4, m55 + w5 * d5
+            if d2 == 0.0:  # within the rim, only height and shading count
+                continue
+            w0, w1, w2 = weight * d0, weight * d1, weight * d2
+            r0, r1, r2 = r0 + w0 * residual, r1 + w1 * residual, r2 + w2 * residual
+            m00 += w0 * d0
+            m10, m11 = m10 + w1 * d0, m11 + w1 * d1
+            m20, m21, m22 = m20 + w2 * d0, m21 + w2 * d1, m22 + w2 * d2
+            m30, m31, m32 = m30 + w3 * d0, m31 + w3 * d1, m32 + w3 * d2
+            m40, m41, m42 = m40 + w4 * d0, m41 + w4 * d1, m42 + w4 * d2
+            m50, m51, m52 = m50 + w5 * d0, m51 + w5 * d1, m52 + w5 * d2
+    right[0], right[1], right[2], right[3], right[4], right[5] = r0, r1, r2, r3, r4, r5
+    matrix[0, 0], matrix[1, 0], matrix[1, 1], matrix[2, 0], matrix[2, 1], matrix[2, 2] = m00, m10, m11, m20, m21, m22
+    matrix[3, 0], matrix[3, 1], matrix[3, 2], matrix[3, 3] = m30, m31, m32, m33
+    matrix[4, 0], matrix[4, 1], matrix[4, 2], matrix[4, 3], matrix[4, 4] = m40, m41, m42, m43, m44
+    matrix[5, 0], matrix[5, 1], matrix[5, 2], matrix[5, 3], matrix[5, 4], matrix[5, 5] = m50, m51, m52, m53, m54, m55
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = (
+        squares,
+        weights,
+        covered_squares,
+        covered,
+        capped,
+        counted,
+    )
     for m in range(UNKNOWNS):
         for n in range(m):
             matrix[n, m] = matrix[m, n]
