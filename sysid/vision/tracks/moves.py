@@ -107,13 +107,30 @@ class Move:
 
     @property
     def _begins(self) -> Phase | None:
-        """The phase with which it begins; None if only one detection shows it."""
-        one = next((one for one in self.phases if not one.rest), self.phases[0])
-        return one if one.stop - max(one.first, self.first) > 1 else None
+        """The phase with which it begins; None where that is seen in one detection only, or has ended unseen."""
+        one = self.phases[0]
+        if one.rest or one.stop - max(one.first, self.first) < 2:
+            return None
+        if self.place is None:
+            return one
+        left = _left(one, self.place, self._may_begin)
+        miss = float(np.linalg.norm(one.place(left) - self.place))
+        return one if miss < max(SURE_SD * one.place_sd(left), np.linalg.norm(self._way) / 2) else None
+
+    @property
+    def _may_begin(self) -> tuple[float, float]:
+        """Between which times it begins [s]: the detections beside may show half of a beginning."""
+        first, last = max(self.first - 2, 0), min(self.first + 1, self.stop - 1)
+        return float(self.track.time[first]), float(self.track.time[last])
+
+    @property
+    def _way(self) -> Array:
+        """From its rest to its first detection (2,) [m]."""
+        return np.asarray(self.track.xy[self.first] - (self.track.xy[0] if self.place is None else self.place))
 
     @property
     def velocity(self) -> Array:
-        """Velocity with which it begins (2,) [m/s]; where one detection shows it, that of the faster step beside it."""
+        """Velocity with which it begins (2,) [m/s], that of the faster step beside its first detection if need be."""
         track = self.track
         if (one := self._begins) is not None:
             return one.velocity(float(track.time[max(one.first, self.first)]))
@@ -128,22 +145,20 @@ class Move:
         seen = float(track.time[first])
         if self.place is None:
             return seen
-        rested = float(track.time[first - 1])
         if (one := self._begins) is not None:
-            later = float(track.time[min(first + 1, self.stop - 1)])  # the first may have been seen at rest still
-            return float(np.clip(_left(one, self.place, later - one.start), rested, later))
-        way, speed = np.linalg.norm(track.xy[first] - self.place), np.linalg.norm(self.velocity)
-        return max(seen - float(way / max(speed, 1e-9)), rested)
+            return float(_left(one, self.place, self._may_begin))
+        speed = float(np.linalg.norm(self.velocity))
+        return max(seen - float(np.linalg.norm(self._way)) / max(speed, 1e-9), float(track.time[first - 1]))
 
 
-def _left(one: Phase, place: Array, latest: float = 0.0) -> float:
-    """When the path of a phase was nearest to a place (2,), not later than `latest` after its start [s]."""
+def _left(one: Phase, place: Array, between: tuple[float, float]) -> float:
+    """When the path of a phase, also before it is seen, was nearest to a place (2,), between two times [s]."""
     offset, velocity, half = one.state[0] - place, one.state[1], one.state[2]
     # The derivative of the square of the distance is a cubic.
     cubic = [2 * half @ half, 3 * half @ velocity, velocity @ velocity + 2 * half @ offset, velocity @ offset]
-    roots = np.roots(cubic)
-    back = [r.real for r in roots if abs(r.imag) < 1e-9 and r.real <= latest]
-    return one.start + (max(back) if back else 0.0)
+    roots = [one.start + r.real for r in np.roots(cubic) if abs(r.imag) < 1e-9]
+    times = [*between, *(time for time in roots if between[0] < time < between[1])]
+    return min(times, key=lambda time: float(np.linalg.norm(one.place(time) - place)))
 
 
 def _rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
@@ -198,9 +213,9 @@ def _leads_back(scene: TrackedScene, track: BallTrack, one: Phase, gap: float, p
     """Whether the path of a ball that is seen after a gap [s] leads back to its rest within the gap."""
     if gap > MAX_BRIDGED_S or one.stop - one.first < MIN_REST_DETECTIONS:
         return False
-    left = _left(one, place)
+    left = _left(one, place, (one.start - gap - scene.period, one.start))
     miss = float(np.linalg.norm(one.place(left) - place))
-    return one.start - left < gap + scene.period and miss < SURE_SD * math.hypot(one.place_sd(left), scene.sigma)
+    return miss < SURE_SD * math.hypot(one.place_sd(left), scene.sigma)
 
 
 def phase_at(scene: TrackedScene, track: BallTrack, row: int) -> Phase:

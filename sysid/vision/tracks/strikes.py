@@ -83,11 +83,15 @@ def split_shots(scene: TrackedScene) -> FoundShots:
         what = "was on its way when the video begins" if move.began <= scene.frames[0] + MIN_REST_DETECTIONS else ""
         unstruck.append(Unstruck(move.began, f"{move.name} {what or 'was set in motion unseen'}"))
     for group in _groups(scene, [m for m in moves if m.place is not None and not _caused(scene, m, moves)]):
-        struck = _struck(scene, group)
+        struck = _struck(group)
         why = _fault(scene, struck)
         if why:
             notes.append((scene.time_of(struck.began), f"{struck.name} {why}"))
-        strikes.append((struck, group, not why))
+        alone = [m.name for m in group if m not in _set_in_motion(scene, struck, group)]
+        if alone and not why:  # a cue strikes one ball
+            names = " and ".join([struck.name, *alone])
+            unstruck.append(Unstruck(struck.began, f"{names} were set in motion at once by something unseen"))
+        strikes.append((struck, group, not why and not alone))
     shots = []
     strikes.sort(key=lambda one: one[0].began)
     for k, (struck, group, clean) in enumerate(strikes):
@@ -150,7 +154,7 @@ def _well_before(scene: TrackedScene, other: Move, move: Move) -> bool:
 
 
 def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
-    """Groups of balls that begin to move between the same two frames, near enough for one to touch another."""
+    """Groups of balls that may have begun to move together."""
     groups: list[list[Move]] = []
     for move in sorted(moves, key=lambda m: m.began):
         for group in groups:
@@ -163,15 +167,12 @@ def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
 
 
 def _simultaneous(scene: TrackedScene, one: Move, two: Move) -> bool:
-    if one.place is None or two.place is None or abs(one.onset - two.onset) > SIMULTANEOUS_FRAMES * scene.period:
-        return False
-    fastest = max(float(np.linalg.norm(m.velocity)) for m in (one, two))
-    between = float(np.linalg.norm(one.place - two.place))
-    reach = (SIMULTANEOUS_FRAMES + 0.5) * fastest * scene.period
-    return between < TOUCH_RADII * scene.radius + reach + SURE_SD * scene.sigma
+    """Whether two balls began to move within a frame, or while neither was seen."""
+    near = abs(one.onset - two.onset) < SIMULTANEOUS_FRAMES * scene.period
+    return near or max(one.before, two.before) < min(one.began, two.began)
 
 
-def _struck(scene: TrackedScene, group: Sequence[Move]) -> Move:
+def _struck(group: Sequence[Move]) -> Move:
     """Of balls that begin to move together, the one that was struck: the others move away from its place."""
     if len(group) == 1:
         return group[0]
@@ -185,6 +186,27 @@ def _struck(scene: TrackedScene, group: Sequence[Move]) -> Move:
         return round(total, 3), one.name.split("_")[0] not in ("white", "cue")
 
     return min(group, key=mismatch)
+
+
+def _set_in_motion(scene: TrackedScene, struck: Move, group: Sequence[Move]) -> list[Move]:
+    """Those of a group that the struck ball, or one that it set in motion, can have reached before they moved."""
+    found, left = [struck], [move for move in group if move is not struck]
+    for one in found:
+        hit = [move for move in left if _reaches(scene, one, move)]
+        found += hit
+        left = [move for move in left if move not in hit]
+    return found
+
+
+def _reaches(scene: TrackedScene, one: Move, other: Move) -> bool:
+    """Whether a ball that begins to move can touch another at rest before that is seen to move, away from it."""
+    if one.place is None or other.place is None:
+        return False
+    way, velocity = other.place - one.place, other.velocity
+    fastest = max(float(np.linalg.norm(m.velocity)) for m in (one, other))
+    reach = fastest * (scene.time_of(other.began) - scene.time_of(one.before) + scene.period)
+    near = float(np.linalg.norm(way)) < TOUCH_RADII * scene.radius + reach + SURE_SD * scene.sigma
+    return near and float(velocity @ way) > 0
 
 
 def _first_contact(scene: TrackedScene, move: Move) -> int:
