@@ -148,7 +148,7 @@ class Move:
         if (one := self._begins) is not None:
             return float(_left(one, self.place, self._may_begin))
         speed = float(np.linalg.norm(self.velocity))
-        return max(seen - float(np.linalg.norm(self._way)) / max(speed, 1e-9), float(track.time[first - 1]))
+        return max(seen - float(np.linalg.norm(self._way)) / max(speed, 1e-9), self._may_begin[0])
 
 
 def _left(one: Phase, place: Array, between: tuple[float, float]) -> float:
