@@ -115,7 +115,7 @@ class Move:
             return one
         left = _left(one, self.place, self._may_begin)
         miss = float(np.linalg.norm(one.place(left) - self.place))
-        return one if miss < max(SURE_SD * one.place_sd(left), np.linalg.norm(self._way) / 2) else None
+        return one if miss < max(SURE_SD * one.place_sd(left), float(np.linalg.norm(self._way)) / 2) else None
 
     @property
     def _may_begin(self) -> tuple[float, float]:
