@@ -45,7 +45,7 @@ def import_tracks(
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     pixels, doubts = None, tuple[str, ...]()
     if camera is not None:
-        from sysid.vision.camera.projection import ball_of, read_camera
+        from sysid.vision import ball_of, read_camera
 
         seen = read_camera(camera)
         doubts = seen.doubts
@@ -94,14 +94,11 @@ def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: 
     Raises:
         BadInput: what is wrong with the film, or that no shot is seen in it.
     """
-    from sysid.vision.balls.palette import palette_for
-    from sysid.vision.camera.projection import read_camera
-    from sysid.vision.film import Taken, track_film
+    from sysid.vision import Taken, read_camera, track_film
 
     seen = read_camera(camera)
     tell_doubts(camera, seen.doubts)
-    taken = Taken(seen, str(camera), palette_for(None, seen.table, seen.diameter), fps, None, mass)
-    found = track_film(str(video), taken, lambda line: None)
+    found = track_film(str(video), Taken.of(seen, camera, fps=fps, mass=mass))
     if found.clips is None:
         raise BadInput(f"{video}: no shot is seen in it: film one from before the strike until the balls rest")
     return found.clips

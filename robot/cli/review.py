@@ -56,7 +56,7 @@ def _films(folder: Path, video: Path | None, progress: Progress) -> Sequence[Fil
     """The films of a series, where a camera took any."""
     from sysid.clips import read_clip_set
     from sysid.clips.trust import camera_doubts, tell_doubts
-    from sysid.vision.films import films_of, missing_line
+    from sysid.vision import films_of, missing_line
 
     if not (folder / "clips" / "clips.toml").is_file():
         return ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,8 +143,8 @@ class CameraView:
         """As the calibration takes them."""
         from sysid.vision import CameraHints
 
-        size = {} if self.marker_size is None else {"marker_size": self.marker_size}
-        return CameraHints(self.fov, corners=self.crossings(), hold=self.hold, sees=self.sides(), **size)
+        hints = CameraHints(self.fov, corners=self.crossings(), hold=self.hold, sees=self.sides())
+        return hints if self.marker_size is None else replace(hints, marker_size=self.marker_size)
 
     def crossings(self) -> NDArray[np.float64] | None:
         """Where the nose lines cross, (4, 2) [pixels]."""

@@ -73,7 +73,7 @@ def _review_clips(
     from sysid.clips.trust import camera_doubts, tell_doubts
     from sysid.interface import compare
     from sysid.report.recording import write_measured, write_rrd
-    from sysid.vision.films import films_of, missing_line
+    from sysid.vision import films_of, missing_line
 
     if model_files:
         clip_set, models = Start(shots, model_files).load_several()
