@@ -113,7 +113,7 @@ def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detectio
     """Notes on what lies on the cloth, does not have its colour at any brightness, and is no detected ball."""
     bed = detector.background.geometry.bed
     cloth = np.median(picture[bed], axis=0)
-    brightness = (picture @ cloth / (cloth @ cloth)).clip(*BRIGHTNESS_RANGE)
+    brightness = (picture @ cloth / max(cloth @ cloth, 1.0)).clip(*BRIGHTNESS_RANGE)  # a picture may be black
     difference = np.abs(picture - brightness[..., None] * cloth).max(axis=2)
     mask = (bed & (difference > MIN_COLOUR_DIFFERENCE * cloth.max())).astype(np.uint8)
     for one in detections:
