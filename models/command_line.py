@@ -14,6 +14,7 @@ import math
 import os
 import platform
 import select
+import shlex
 import signal
 import sys
 import warnings
@@ -33,7 +34,7 @@ from models.command_outputs import (
     keeping_results,
     overwrite_option,
 )
-from models.console import Progress, Status, show_progress
+from models.console import Progress, Status, as_called, show_progress
 from models.errors import BadInput, one_line
 from models.files.limits import MAX_PICTURE_PIXELS
 from models.files.writing import NO_ROOM, unwritable
@@ -45,6 +46,7 @@ HELP_COLUMNS = 110  # width of help texts at most
 HELP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": HELP_COLUMNS}
 
 
+WORDS_KEY = "cuelab.words"  # of a click context: the command line
 OUTPUT_FILE, RESULT_FILE = OutputFile(), ResultFile()
 
 
@@ -280,6 +282,7 @@ def run(
     status, fault, more = int(Status.DONE), "", list[str]()
     try:
         with as_interrupts(), program.make_context(started, words, obj=progress) as context:
+            context.meta[WORDS_KEY] = (name, *words)
             status = program.invoke(context)
             sys.stdout.flush()
     except click.exceptions.Exit as end:
@@ -310,6 +313,26 @@ def run(
             for line in (fault, *more):
                 print(one_line(f"{path}: {line}"), file=sys.stderr)
     return status
+
+
+def typed_again(*more: str, without: Mapping[str, int]) -> str:
+    """The command line that was typed, with other options, as it can be pasted.
+
+    Args:
+        more: words that are added, those of an option together.
+        without: options that are left out, with how many words follow each.
+    """
+    typed: Sequence[str] = click.get_current_context().meta.get(WORDS_KEY, ())
+    words, skipped = list[str](), 0
+    for word in typed:
+        option, joined, _ = word.partition("=")
+        if skipped:
+            skipped -= 1
+        elif option in without:
+            skipped = 0 if joined else without[option]
+        else:
+            words.append(word)
+    return as_called(shlex.join([*words, *more]))
 
 
 def _prepare_process(own: bool) -> None:

@@ -2,7 +2,9 @@
 
 Sources. Snooker: Official Rules of the Games of Snooker and English Billiards (WPBSA), section 1. Pool: WPA, Tournament
 Table and Equipment Specifications, sections 4 and 16: 100 by 50 in and 92 by 46 in, balls of 2.25 in and 5.5 to 6 oz.
-The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (models/pocket_shape.py).
+The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (models/pocket_shape.py). Nor has it the 8 ft table of 88
+by 44 in that makers sell besides, for homes and leagues: twice as long as wide, as the BCA asks (Equipment
+Specifications), which names no inches for 8 ft. Its pockets are taken to be the WPA's.
 Carom: UMB, World Rules, chapter 1: 2.84 by 1.42 m, balls of 61 to 61.5 mm and 205 to 220 g.
 Left out: smaller tables of snooker. The rules define the full size alone, and makers differ by inches: 10 ft is 3.05 by
 1.52 m as guides name it, and 2.97 by 1.48 m in the proportion of the full-size table to its 12 ft.
@@ -38,19 +40,25 @@ class TableSet:
     ball: Ball
 
 
-def _pool(feet: int, length_in: float) -> TableSet:
+def _pool(pockets: str, length_in: float) -> TableSet:
     length = length_in * INCH_M
-    return TableSet(Table(length, length / 2, POCKET_SETS[f"pool {feet} ft"]), POOL_BALL)
+    return TableSet(Table(length, length / 2, POCKET_SETS[pockets]), POOL_BALL)
 
 
 TABLE_SETS: Mapping[str, TableSet] = {
     "snooker": TableSet(SNOOKER_TABLE, SNOOKER_BALL),
-    "pool 9 ft": _pool(9, 100.0),
-    "pool 8 ft": _pool(8, 92.0),
-    "pool 7 ft": _pool(7, 78.0),
+    "pool 9 ft": _pool("pool 9 ft", 100.0),
+    "pool 8 ft": _pool("pool 8 ft", 92.0),
+    "pool 8 ft home": _pool("pool 8 ft", 88.0),
+    "pool 7 ft": _pool("pool 7 ft", 78.0),
     "carom": TableSet(Table(2.84, 1.42, pockets=False), CAROM_BALL),
 }
-OTHER_NAMES: Mapping[str, str] = {"snooker 12 ft": "snooker", "carom 10 ft": "carom", "12 ft": "snooker"}
+OTHER_NAMES: Mapping[str, str] = {
+    "snooker 12 ft": "snooker",
+    "carom 10 ft": "carom",
+    "12 ft": "snooker",
+    "88x44 in": "pool 8 ft home",
+}
 MIN_LENGTH_M, MAX_LENGTH_M, MIN_WIDTH_M, MAX_WIDTH_M = 0.3, 6.0, 0.2, 3.0
 
 
@@ -74,6 +82,11 @@ def find_table(text: str) -> TableSet | Table:
         raise BadInput(
             f"{text}: the rules of snooker define the full size of 12 ft alone, and makers differ; measure yours from "
             "nose to nose and give that in metres: 10 ft is about 2.97x1.48, with balls of 0.0525"
+        )
+    if "tournament" in text.lower():
+        raise BadInput(
+            f'{text}: of 8 ft, the tables of WPA tournaments have 92 by 46 in between the noses, "pool 8 ft", and '
+            'others that are sold as such 88 by 44 in, "pool 8 ft home": measure yours, and give one of these'
         )
     raise BadInput(
         f"{text}: is no table known here; give one of {', '.join(TABLE_SETS)}, or length and width from nose to nose "

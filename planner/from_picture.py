@@ -3,16 +3,13 @@
 In: pictures with their camera file, or a clip set; a goal. Out: a scene, and the balls found with notes on what was
 assumed, left out or is in doubt.
 
-Balls are detected as in tracking (sysid/vision/balls/detect.py); the last frame decides which there are, and positions
-are averaged over the frames that show a ball at rest. Balls of one colour are numbered from left to right in the
-picture. Small overlaps of balls with each other or a cushion are removed. Leaves out balls in the middle of a pack,
-which have no outline against the cloth: a note says where something was not recognised.
+Balls are found by `sysid.vision.find_balls`; positions are averaged over the frames that show a ball at rest. Small
+overlaps of balls with each other or a cushion are removed.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,20 +26,12 @@ from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
 from sysid.clips.trust import camera_doubts
 
 if TYPE_CHECKING:
-    from sysid.vision.balls.detect import Detection, Detector
-    from sysid.vision.camera.projection import Camera
-    from sysid.vision.frames import Picture
+    from sysid.vision import StillBall
 
 CUE_BALL_NAMES = ("white", "cue")  # usual names of the cue ball
 LAST_FRAMES = 8  # frames, or samples of a clip, over which a ball at rest is averaged
 MAX_REST_SHIFT_RADII = 0.05  # of a ball at rest, from the first half of these frames to the second
-SAME_BALL_RADII = 1.0  # distance within which detections of one name in different frames are the same ball
 OFF_TABLE_RADII = 0.5  # beyond the line of contact with a cushion, from which on a ball is not on the table
-# Something on the cloth that is not cloth:
-MIN_COLOUR_DIFFERENCE = 0.25  # from the cloth's colour at the best brightness, over the cloth's brightest channel
-BRIGHTNESS_RANGE = (0.35, 1.8)  # of cloth in shade or light, over the median
-BALL_MASK_RADII = 1.3  # around a detected ball that are not examined
-MIN_AREA_BALLS = 0.4  # of what is reported, in areas of a ball
 
 
 @dataclass(frozen=True)
@@ -122,55 +111,26 @@ def balls_in_picture(
 ) -> DetectedBalls:  # fmt: skip
     """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
     from models.presets import usual_mass
-    from sysid.vision.balls.discs import Expected
-    from sysid.vision.balls.learning import learn_detector
-    from sysid.vision.balls.palette import palette_for
-    from sysid.vision.camera.projection import ball_of, read_camera
-    from sysid.vision.frames import open_footage
+    from sysid.vision import ball_of, find_balls, read_camera
 
     camera = read_camera(camera_path)
-    palette = palette_for(palette_path, camera.table, camera.diameter)
-    footage = open_footage(path, 1.0)  # the times of pictures are not used
-    if footage.size != tuple(camera.size):
-        sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, camera.size))
-        raise BadInput(f"{path}: {sizes} pixels in it and in {camera_path}; calibrate with pictures of this size")
-    detector = learn_detector(camera, footage, palette, progress)
-    camera = detector.camera
-    progress("finding the balls in the last frame")
-    pictures = deque((frame.picture for frame in footage), maxlen=LAST_FRAMES)
-    notes = list(detector.notes)
-    detections = detector.named(pictures[-1], detector.find(pictures[-1]))
-    notes += _unrecognised(detector, camera, pictures[-1], detections)
-    balls = _numbered(detections, palette.known, notes)
-    if not balls:
-        raise BadInput(
-            f"{path}: no ball is seen in the last frame; is {camera_path} its camera, and are its balls lit?"
-        )
-    pixels = {name: [one.xy] for name, one in balls.items()}  # the last frame first
-    expected = [Expected(one.name, one.xy) for one in balls.values()]
-    for picture in list(pictures)[-2::-1]:
-        before = detector.find(picture, expected)
-        for name, one in balls.items():
-            pairs = [(np.hypot(*(s.xy - one.xy)) / one.radius, s.xy) for s in before if s.name == one.name]
-            pixels[name] += [xy for d, xy in sorted(pairs, key=lambda pair: pair[0])[:1] if d < SAME_BALL_RADII]
-    places = {name: camera.centres(np.array(recent[::-1])) for name, recent in pixels.items()}
+    balls, notes = find_balls(path, camera, palette_path=palette_path, camera_name=camera_path, progress=progress)
     if mass is None:
         mass, game = usual_mass(camera.diameter)
         notes.append(f"mass {mass:.4f} kg, that of a {game} ball of this size")
+    places = {name: ball.xy for name, ball in balls.items()}
     found = _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
     return replace(found, camera_doubts=camera.doubts, cue_doubts=_cue_doubts(balls, found))
 
 
-def _cue_doubts(balls: Mapping[str, Detection], found: DetectedBalls) -> tuple[str, ...]:
+def _cue_doubts(balls: Mapping[str, StillBall], found: DetectedBalls) -> tuple[str, ...]:
     """Which balls may be the cue ball, or another one, by what they look like."""
-    from sysid.vision.balls.names import SURE
-
     doubts = []
     for name, xy in zip(found.names, found.position, strict=True):
-        one, cue = balls[name], set(CUE_BALL_NAMES)
-        if one.odds < SURE and {one.name, one.other} & cue:
+        one = balls[name]
+        if one.other and {one.colour, one.other} & set(CUE_BALL_NAMES):
             at = f"{xy[0]:.2f}, {xy[1]:.2f} m"
-            doubts.append(f"{name} at {at} may be {one.other} ({100 * (1 - one.odds):.0f} %)")
+            doubts.append(f"{name} at {at} may be {one.other} ({100 * one.other_odds:.0f} %)")
     return tuple(doubts)
 
 
@@ -194,48 +154,6 @@ def balls_in_clip(folder: Path | str, clip: str | int | None = None) -> Detected
     sizes = clip_set.table, clip_set.ball
     found = _balls_on_table(sizes, places, clip_set.sigma or 0.0, notes, f"{folder}: {chosen.file}")
     return replace(found, camera_doubts=camera_doubts(clip_set))
-
-
-def _numbered(detections: Sequence[Detection], counts: Mapping[str, int], notes: list[str]) -> dict[str, Detection]:
-    """Detections, given the most certain first, by unique names: red, red 2, red 3 from left to right."""
-    named: dict[str, Detection] = {}
-    for colour in sorted({one.name for one in detections}, key=list(counts).index):
-        same = [one for one in detections if one.name == colour]
-        if len(same) > (count := counts[colour]):
-            notes.append(f"{len(same)} balls look {colour}, and the palette has {count}: the most certain are used")
-        number = 1
-        for one in sorted(same[:count], key=lambda s: float(s.xy[0])):
-            name = colour if number == 1 else f"{colour} {number}"
-            while name in named or (number > 1 and name in counts):
-                number += 1
-                name = f"{colour} {number}"
-            named[name] = one
-            number += 1
-    return named
-
-
-def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detections: Sequence[Detection]) -> list[str]:
-    """Notes on what lies on the cloth, does not have its colour at any brightness, and is no detected ball."""
-    import cv2
-
-    bed = detector.background.geometry.bed
-    cloth = np.median(picture[bed], axis=0)
-    brightness = (picture @ cloth / (cloth @ cloth)).clip(*BRIGHTNESS_RANGE)
-    difference = np.abs(picture - brightness[..., None] * cloth).max(axis=2)
-    mask = (bed & (difference > MIN_COLOUR_DIFFERENCE * cloth.max())).astype(np.uint8)
-    for one in detections:
-        centre = round(float(one.xy[0])), round(float(one.xy[1]))
-        cv2.circle(mask, centre, round(BALL_MASK_RADII * one.radius), 0, -1)
-    mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
-    _, _, stats, centroids = cv2.connectedComponentsWithStats(mask)
-    notes = []
-    for centroid, area in zip(centroids[1:], stats[1:, cv2.CC_STAT_AREA], strict=True):
-        size = area / (np.pi * detector.background.geometry.radius(centroid) ** 2)
-        if size > MIN_AREA_BALLS:
-            count = "a ball" if size < 1.5 else f"{size:.0f} balls"
-            x, y = camera.on_plane(centroid[None], camera.radius)[0]
-            notes.append(f"something of the size of {count} at {x:.2f}, {y:.2f} m was not made out: add it by hand")
-    return notes
 
 
 def _rest_position(recent: Array, max_shift: float) -> tuple[Array, float]:

@@ -308,14 +308,9 @@ def add_clip(
         k += 1
     extra, known = dict[str, Any](), clip_set.extra
     if filmed is not None:
-        from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
+        from sysid.vision import film_entries
 
-        videos = list(videos_in(clip_set).values())
-        name, used = video_name(filmed.video.name), {video["name"] for video in videos}
-        while name in used:
-            name += "-again"
-        videos.append({"name": name, "file": place_of(str(filmed.video), clip_set.folder), "fps": clip_set.fps})
-        extra, known = {"video": name, "frames": [filmed.first, filmed.last]}, {**known, VIDEOS_KEY: videos}
+        extra, known = film_entries(clip_set, filmed.video, (filmed.first, filmed.last))
     clip = Clip(f"clips/{k:04d}.csv", struck, dict(balls), cue, note, extra)
     return dataclasses.replace(clip_set, clips=(*clip_set.clips, clip), extra=known)
 

@@ -13,6 +13,7 @@ from models.errors import BadInput
 from models.presets import TableSet, find_table, usual_mass
 from models.shot import Ball
 from sysid.clips import ClipSet
+from sysid.clips.trust import tell_doubts, with_doubts
 from sysid.foreign.convert import ShotFile, Stated, import_files
 from sysid.foreign.pixels import Pixels
 
@@ -42,11 +43,13 @@ def import_tracks(
         BadInput: what is wrong with a file, or the argument that settles a doubt.
     """
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
-    pixels = None
+    pixels, doubts = None, tuple[str, ...]()
     if camera is not None:
-        from sysid.vision.camera.projection import ball_of, read_camera
+        from sysid.vision import ball_of, read_camera
 
         seen = read_camera(camera)
+        doubts = seen.doubts
+        tell_doubts(camera, doubts)
         pixels = Pixels(seen.centres, seen.size[1])
         known = TableSet(seen.table, ball_of(seen, mass or usual_mass(seen.diameter)[0]))
     else:
@@ -61,7 +64,7 @@ def import_tracks(
         None if y is None else y == "down", **stated,
     )  # fmt: skip
     shots = [ShotFile(f"clips/{path.stem}.csv") for path in paths]
-    return import_files(paths, shots, known.table, known.ball, told, pixels).clip_set
+    return with_doubts(import_files(paths, shots, known.table, known.ball, told, pixels).clip_set, doubts)
 
 
 def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:
@@ -91,13 +94,11 @@ def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: 
     Raises:
         BadInput: what is wrong with the film, or that no shot is seen in it.
     """
-    from sysid.vision.balls.palette import palette_for
-    from sysid.vision.camera.projection import read_camera
-    from sysid.vision.film import Taken, track_film
+    from sysid.vision import Taken, read_camera, track_film
 
     seen = read_camera(camera)
-    taken = Taken(seen, str(camera), palette_for(None, seen.table, seen.diameter), fps, None, mass)
-    found = track_film(str(video), taken, lambda line: None)
+    tell_doubts(camera, seen.doubts)
+    found = track_film(str(video), Taken.of(seen, camera, fps=fps, mass=mass))
     if found.clips is None:
         raise BadInput(f"{video}: no shot is seen in it: film one from before the strike until the balls rest")
     return found.clips

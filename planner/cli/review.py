@@ -26,9 +26,12 @@ def review(progress: Progress, plan: Path, viewing: Viewing) -> int:
     from models.files import entries_of
     from models.recording.plan import write_plan
     from planner.planning import read_plan
+    from sysid.clips.trust import tell_doubts
 
     viewing.check()
     made = read_plan(plan)
+    with entries_of(plan, "make it anew with: planner plan"):
+        tell_doubts(plan, made["scene"].get("camera_doubts", ()))
 
     def write(path: Path) -> None:
         with entries_of(plan, "make it anew with: planner plan"):

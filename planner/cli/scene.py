@@ -84,7 +84,7 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
             raise BadInput(f"{path}: a picture needs --camera CAM.toml (made with: sysid calibrate)")
         import cv2
 
-        from sysid.vision.camera.projection import read_camera
+        from sysid.vision import read_camera
 
         heed_doubts(camera, read_camera(camera).doubts, source.accept_camera)
         cv2.setNumThreads(1)  # pictures are small: threads only wait for each other

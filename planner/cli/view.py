@@ -152,6 +152,7 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
     """Table, ball, positions by name, the ball to be struck first, and what is known of the stroke."""
     from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from planner.scene import read_scene, scene_from
+    from sysid.clips.trust import tell_doubts
 
     source = shown.source
     if source is None:
@@ -171,6 +172,7 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
         known = {k: float(plan["stroke"][k]) for k in GivenStroke.__annotations__}
     else:
         scene = read_scene(source)
+    tell_doubts(source, scene.camera_doubts)
     return scene.table, scene.ball, dict(zip(scene.names, scene.position, strict=True)), known
 
 
@@ -178,8 +180,10 @@ def _clip(source: Path, wanted: str) -> tuple[Table, Ball, dict[str, Array], dic
     """The beginning of a clip, and its cue's stroke where it is known."""
     from sysid.clips import read_clip_set
     from sysid.clips.choose import chosen_clip
+    from sysid.clips.trust import camera_doubts, tell_doubts
 
     clips = read_clip_set(source)
+    tell_doubts(source, camera_doubts(clips))
     clip = chosen_clip(clips, wanted, source)
     if clip.running:
         raise BadInput(f"--clip {wanted}: begins in mid-motion, so that there is no stroke to play; name another clip")

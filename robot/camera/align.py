@@ -2,7 +2,7 @@
 
 In: pictures from above, their camera, the wanted azimuth. Out: instructions to the operator, and the last `CueLine`.
 The stand is turned by hand, watched by the camera over the table (Robotic Billiards 2015, section V). The cue is
-measured by robot/camera/cue_line.py and averaged over pictures between which it did not move.
+measured by sysid/vision/cue/line.py and averaged over pictures between which it did not move.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.errors import BadInput
-from robot.camera.cue_line import CUE_ELEVATION, CueLine, angle_between, cue_direction
-from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.frames import Picture
+from models.shot import Array
+from sysid.vision import Camera, CueLine, Picture, angle_between, cue_direction
 
+CUE_ELEVATION = math.radians(6.5)  # of the launcher's cue [rad] (Robotic Billiards 2015)
 ALIGNED_TOLERANCE = math.radians(0.1)  # of the azimuth, within which a stand is aligned [rad]
 AVERAGED_PICTURES, ALIGNED_PICTURES = 5, 5  # averaged; that must be aligned in succession
 MOVED_ANGLE = math.radians(0.05)  # between pictures, from which the stand has been turned [rad]

@@ -23,17 +23,21 @@ from models.presets import usual_mass
 from models.shot import Array, Ball, Table
 from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
-from robot.camera.source import Device, Source
+from robot.camera.source import Source
 from robot.play import FilmedFrames
 from sysid.clips import Observation
 from sysid.clips.trust import heed_doubts
-from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import palette_for
-from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
-from sysid.vision.details import details
-from sysid.vision.frames import Picture
-from sysid.vision.tracks.clips import Extra, clip_set
-from sysid.vision.tracks.track import Tracked, track, without_shots
+from sysid.vision import (
+    Camera,
+    Device,
+    Picture,
+    Taken,
+    TrackedFilm,
+    ball_of,
+    read_camera,
+    track_footage,
+    write_camera,
+)
 
 LOOK_PICTURES = 8  # averaged to find the resting balls
 PLACE_ERROR_PX = 0.1  # sd of a place, unless it is given
@@ -166,21 +170,17 @@ class LiveCamera:
     def _tracked(self, recording: FilmRecorder, warnings: list[str]) -> dict[str, Observation]:
         """The balls of the first shot that struck the cue ball."""
         footage = recording.footage()
-        palette = palette_for(self._options.palette_path, self.seen_with.table, self.seen_with.diameter)
-        detector = learn_detector(self.seen_with, footage, palette)
-        camera = detector.camera
-        result = track(footage, camera, detector, dict(zip(palette.names, palette.counts, strict=True)))
-        result = without_shots(result, [bool(shot.running) for shot in result.shots])  # it is the stroke that is wanted
-        result, seen = details(result, footage, camera)
+        taken = Taken.of(self.seen_with, palette_path=self._options.palette_path, mass=self.ball.mass)
+        film = track_footage(footage, taken, running=False)  # it is the stroke that is wanted
+        result = film.result
         warnings += [*footage.assumed[1:], *result.left_out, *result.doubts]
-        if not result.shots:
+        if film.clips is None:
             return {}
         k = next((k for k, shot in enumerate(result.shots) if shot.struck in CUE_BALL_NAMES), 0)
         if len(result.shots) > 1:
             warnings.append(f"{len(result.shots)} shots were filmed: the one of {result.shots[k].struck} is taken")
-        extras = [Extra({name: turned.steady for name, turned in one.turned.items()}) for one in seen]
-        balls = clip_set(result, self.seen_with, self.ball.mass, self.fps, extras).clips[k].balls
-        names = _names(result, k, self._seen, self.seen_with.radius)
+        balls = film.clips.clips[k].balls
+        names = _names(film, k, self._seen, self.seen_with.radius)
         first = min(int(path.frame[rows[0]]) for path, rows in result.found[k].values())
         self.filmed = FilmedFrames(recording.path, first, result.shots[k].last)
         return {names[name]: ball for name, ball in balls.items()}
@@ -202,8 +202,9 @@ def balls_in(
             raise BadInput(f"the camera's picture: {str(error).replace(f'{place}/', '')}") from error
 
 
-def _names(result: Tracked, k: int, seen: Mapping[str, Array], radius: float) -> dict[str, str]:
+def _names(film: TrackedFilm, k: int, seen: Mapping[str, Array], radius: float) -> dict[str, str]:
     """Names of the tracked balls as they were seen before the stroke, by the names that tracking gave them."""
+    result = film.result
     shot, unmatched, names = result.shots[k], dict(seen), dict[str, str]()
     for name, (path, rows) in result.found[k].items():
         before = np.flatnonzero(path.frame < shot.first)[-LOOK_PICTURES:]

@@ -16,7 +16,6 @@ import math
 import queue
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -27,8 +26,7 @@ from models.errors import BadInput
 from models.files import write_whole
 from models.shot import Array
 from robot.camera.source import Source
-from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Footage, FrameTimes, Picture, Video, quiet
+from sysid.vision import Camera, Footage, Picture, lossless_writer, stamped_footage
 
 MAX_RECORDING_S = 300.0
 BUFFER_PICTURES = 64  # that may wait to be written
@@ -49,10 +47,7 @@ class FilmRecorder:
         self._stamps: list[float] = []
         self._waiting: queue.Queue[Picture | None] = queue.Queue(BUFFER_PICTURES)
         self._ended, self._asked, self._error = threading.Event(), threading.Event(), ""
-        with quiet():
-            self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), fps, camera.size)
-        if not self._writer.isOpened():
-            raise BadInput(f"{path}: cannot be written; name a folder for the recordings that can")
+        self._writer = lossless_writer(path, fps, camera.size)
         self._threads = [threading.Thread(target=run, daemon=True) for run in (self._read, self._write)]
         for thread in self._threads:
             thread.start()
@@ -84,12 +79,12 @@ class FilmRecorder:
         numbers, period = frame_numbers(np.array(self._stamps), 1 / self._fps)
         if abs(self._fps * period - 1) > RATE_TOLERANCE:
             self.warnings.append(f"the camera gave {1 / period:.4g} pictures/s instead of {self._fps:.4g}")
-        video = _Stamped(self.path, numbers, period)
-        if video.count is not None and video.count < len(numbers):
+        footage = stamped_footage(self.path, numbers, period)
+        if footage.count is not None and footage.count < len(numbers):
             self.warnings.append(
-                f"only {video.count} of {len(numbers)} pictures were written: check that the disk has room"
+                f"only {footage.count} of {len(numbers)} pictures were written: check that the disk has room"
             )
-        return Footage(video, None)
+        return footage
 
     def _read(self) -> None:
         still = _Still(self._camera)
@@ -112,27 +107,6 @@ class FilmRecorder:
                 self._writer.write(picture)
             except cv2.error as error:
                 self._error = f"{self.path}: cannot be written ({error}); check that the disk has room"
-
-
-class _Stamped(Video):
-    """A video whose frames were taken at uneven times."""
-
-    def __init__(self, path: Path, numbers: NDArray[np.int64], period: float) -> None:
-        """`numbers` (n,): the camera's frame number of each picture; `period` of the frames [s]."""
-        super().__init__(path)
-        self._numbers, self._period = numbers, period
-
-    def read(
-        self, jumps: Sequence[int] | None = None, wanted: set[int] | None = None, most: int | None = None
-    ) -> Iterator[tuple[float, Picture | None]]:
-        """Stamps [s] and pictures."""
-        for stamp, picture in super().read(jumps, wanted, most):
-            k = min(round(stamp * self.rate), len(self._numbers) - 1)
-            yield float(self._numbers[k]) * self._period, picture
-
-    def frame_times(self, fps: float | None) -> FrameTimes:
-        """The camera's own."""
-        return FrameTimes(self._period, True, 1.0, (f"frame times from the camera's stamps, {1 / self._period:.6g}/s",))
 
 
 class _Still:

@@ -55,12 +55,15 @@ def review(progress: Progress, played: Path, map_file: Path | None, video: Path 
 def _films(folder: Path, video: Path | None, progress: Progress) -> Sequence[Film]:
     """The films of a series, where a camera took any."""
     from sysid.clips import read_clip_set
-    from sysid.vision.films import films_of, missing_line
+    from sysid.clips.trust import camera_doubts, tell_doubts
+    from sysid.vision import films_of, missing_line
 
     if not (folder / "clips" / "clips.toml").is_file():
         return ()
     progress("looking at the films")
-    found, missing = films_of(read_clip_set(folder / "clips"), video)
+    clip_set = read_clip_set(folder / "clips")
+    tell_doubts(folder / "clips", camera_doubts(clip_set))
+    found, missing = films_of(clip_set, video)
     progress.close()
     if missing:
         print(missing_line(missing, video))

@@ -26,8 +26,7 @@ from robot.device.outcome import Done
 from robot.play import ShotCamera, make_ready
 from robot.table.placing import MAX_PLACING_TRIES, PLACING_TOLERANCE_M, words_of
 from sysid.clips import Observation
-from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Picture
+from sysid.vision import Camera, Picture
 
 PLACE_TOLERANCE_M = 2e-3  # of the ball that is put back, each time
 MAX_FILMS = 3  # of one stroke, until the ball is seen in one

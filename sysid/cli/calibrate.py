@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import FILE_PATH, Number, at_most_one, gathered, given, json_option, out_option, output_option
+from models.command_line import (
+    FILE_PATH,
+    Number,
+    at_most_one,
+    gathered,
+    given,
+    json_option,
+    out_option,
+    output_option,
+    typed_again,
+)
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
@@ -19,14 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.shot import Table
-
-    Picture = NDArray[np.uint8]
-
-PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm"}
-MEDIAN_FRAMES = 15  # of a video, of which the median is taken
-MIN_MEDIAN_FRAMES = 5  # of each of several videos
-MAX_ALL_FRAMES = 60  # of all of them
-BOARD_FRAMES = 40  # that are searched for a board
+    from sysid.vision import Board, CameraHints, FoundCamera, NoCamera
 
 
 def _metres(name: str, metavar: str, low: float, high: float, text: str, *, required: bool = True) -> Any:
@@ -64,25 +66,49 @@ class TableSize:
 
 
 @dataclass(frozen=True)
-class Board:
-    """A chessboard from which the lens is taken: inner corners as text, side of a square [m], where it was filmed."""
+class BoardOptions:
+    """A board from which the lens is taken: its counts as text, sizes [m], where it was filmed."""
 
-    board: str | None = given("--board", "9x6", "Take the lens from a chessboard with so many inner corners.")
+    board: str | None = given(
+        "--board", "9x6|charuco:8x11", "Take the lens from a chessboard by its inner corners, or from a ChArUco board "
+        "by its squares.",
+    )  # fmt: skip
     square: float | None = given(_metres("square", "S", 0.002, 0.5, "Side of the board's squares [m].", required=False))
+    board_marker: float | None = given(
+        _metres("board-marker", "M", 0.001, 0.5, "Side of a ChArUco board's markers [m].", required=False)
+    )
     lens: Path | None = given("--lens", "VIDEO", "Where the board was filmed; by default VIDEO.", FILE_PATH)
 
-    def pattern(self) -> tuple[int, int] | None:
-        """Inner corners along and across; None without a board."""
+    def words(self) -> list[object]:
+        """The same as the command line has them."""
+        given = {"board": self.board, "square": self.square, "board-marker": self.board_marker, "lens": self.lens}
+        return [word for name, value in given.items() if value is not None for word in (f"--{name}", value)]
+
+    def value(self) -> Board | None:
+        """The board; None without one."""
+        from sysid.vision import Board
+
         if self.board is None:
-            if self.square is not None or self.lens is not None:
-                raise BadInput("--square and --lens belong to a board: give --board, such as 9x6")
+            if self.square is not None or self.lens is not None or self.board_marker is not None:
+                raise BadInput("--square, --board-marker and --lens belong to a board: give --board, such as 9x6")
             return None
-        counts = self.board.lower().split("x")
-        if len(counts) != 2 or not all(c.isdigit() and 3 <= int(c) <= 50 for c in counts):
-            raise BadInput(f"--board {self.board}: give its inner corners along and across, such as 9x6")
+        kind, _, size = self.board.lower().rpartition(":")
+        counts = size.split("x")
+        counted = len(counts) == 2 and all(c.isdigit() and 3 <= int(c) <= 50 for c in counts)
+        if kind not in ("", "charuco") or not counted:
+            raise BadInput(
+                f"--board {self.board}: give a chessboard's inner corners along and across, such as 9x6, or a ChArUco "
+                "board's squares, such as charuco:8x11"
+            )
         if self.square is None:
             raise BadInput("--board needs --square: give the side of its squares in metres, such as 0.03")
-        return int(counts[0]), int(counts[1])
+        if (self.board_marker is None) == (kind == "charuco"):
+            raise BadInput(
+                "--board charuco needs --board-marker: give the side of its markers in metres, such as 0.022"
+                if kind
+                else f"--board-marker belongs to a ChArUco board: write --board charuco:{size}"
+            )
+        return Board(int(counts[0]), int(counts[1]), self.square, self.board_marker)
 
 
 @dataclass(frozen=True)
@@ -113,6 +139,13 @@ class CameraView:
             raise BadInput(f"--sees {self.sees}: name three or four of {', '.join(RAIL_NAMES)}, joined by commas")
         return sides
 
+    def hints(self) -> CameraHints:
+        """As the calibration takes them."""
+        from sysid.vision import CameraHints
+
+        hints = CameraHints(self.fov, corners=self.crossings(), hold=self.hold, sees=self.sides())
+        return hints if self.marker_size is None else replace(hints, marker_size=self.marker_size)
+
     def crossings(self) -> NDArray[np.float64] | None:
         """Where the nose lines cross, (4, 2) [pixels]."""
         import numpy as np
@@ -132,13 +165,31 @@ class CameraView:
             raise BadInput(f'--corners "{self.corners}": give four points as "u,v u,v u,v u,v", in pixels')
         return points
 
-    def clicked(self, picture: Picture) -> NDArray[np.float64]:
-        """Where the nose lines cross as clicked in a browser, (4, 2) [pixels]; prints them for another time."""
-        from sysid.vision.camera.clicks import as_option, clicked
+    def next_command(self, refused: NoCamera | FoundCamera, out: Path) -> str:
+        """What to type next where no camera was found, or one that is not to be trusted.
 
-        points = clicked(picture, len(self.sides()), lambda line: print(line, flush=True))
-        print(f"clicked: {as_option(points)}", flush=True)
-        return points
+        Corners first; where they were given and edges found, they hold; where none go with them, others.
+        """
+        from sysid.vision import NoCamera
+
+        found = None if isinstance(refused, NoCamera) else refused
+        of_doctor = click.get_current_context().find_root().invoked_subcommand == "doctor"  # which takes it away itself
+        again = ["--overwrite"] if (out.exists() or found) and not of_doctor else []
+        without = {"--overwrite": 0} if again else {}
+        if found is not None and found.lacks_focal_length:
+            words = "--board", "9x6", "--square", "0.03", "--lens", "BOARD.mp4"
+            filmed = "film a chessboard, tilted to all sides (here of 9x6 inner corners and squares of 30 mm), then"
+            return f"{filmed} {typed_again(*words, *again, without=without)}"
+        sees = ",".join(refused.seen.sides_in_view()) if isinstance(refused, NoCamera) else self.sees
+        if sees != self.sees and len(self.sides()) == 4 and len(sees.split(",")) == 3:
+            return typed_again(f"--sees={sees}", *again, without=without | {"--sees": 1})
+        corners = found.corners if found is not None and found.by_edges else None
+        hold = len(self.sides()) == 4 and (self.hold or corners is not None)
+        without |= {"--corners": 1, "--click": 0, "--hold": 0}
+        if corners is not None and hold and not self.hold:
+            text = " ".join(f"{u:.1f},{v:.1f}" for u, v in corners)
+            return typed_again("--corners", text, "--hold", *again, without=without)
+        return typed_again("--click", *["--hold"] * hold, *again, without=without)
 
 
 @dataclass(frozen=True)
@@ -156,111 +207,58 @@ class Files:
 @click.argument("sources", metavar="VIDEO...", type=FILE_PATH, nargs=-1, required=True)
 @gathered("size", TableSize)
 @gathered("view", CameraView)
-@gathered("board", Board)
+@gathered("board", BoardOptions)
 @gathered("files", Files)
 @click.pass_obj
 def calibrate(
-    progress: Progress, sources: tuple[Path, ...], size: TableSize, view: CameraView, board: Board, files: Files
+    progress: Progress, sources: tuple[Path, ...], size: TableSize, view: CameraView, board: BoardOptions, files: Files
 ) -> int:
-    """Calibrate a camera from the table itself, or from a chessboard.
+    """Calibrate a camera from the table itself, or from a board.
 
     VIDEO is a video, a picture, or a folder of pictures of the table; several of one camera are calibrated together.
-    Writes the camera file: lens, position and direction. Status 1 if the result is not to be trusted.
+    Writes the camera file: lens, position and direction. Status 1 if the result is not to be trusted. Then, and where
+    no camera is found, a picture beside CAM.toml shows what was seen, and the command to type next is printed.
 
     Example: sysid calibrate table.mp4 --table snooker --out cam.toml
     """
-    import cv2
-    import numpy as np
+    from sysid.vision import NoCamera, write_camera
+    from sysid.vision import calibrate as calibrate_camera
 
-    from sysid.vision.camera.calibrate import CameraHints
-    from sysid.vision.camera.calibrate import calibrate as calibrate_picture
-    from sysid.vision.camera.calibration_picture import draw
-    from sysid.vision.camera.calibration_report import place_sd, rows, to_json
-    from sysid.vision.camera.camera_motion import side_profiles
-    from sysid.vision.camera.footages import table_view
-    from sysid.vision.camera.markers import MARKER_SIZE_M
-    from sysid.vision.camera.projection import write_camera
-
-    cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
-    (cushions, diameter), sides, crossings = size.known(), view.sides(), view.crossings()
-    lens, notes, pattern = None, [], board.pattern()
-    if pattern is not None and board.square is not None:
-        from sysid.vision.camera.board import lens_of
-
-        if view.fov is not None:
-            raise BadInput("--fov and --board both give the focal length: give one of them")
-        lens = lens_of(frames(board.lens or sources[0], BOARD_FRAMES), pattern, board.square, progress)
-        views = f"{lens.views} views" if lens.views > 1 else "one view"
-        notes.append(f"lens from {views} of the board in {board.lens or sources[0]}, corners to {lens.rms:.2f} pixels")
+    (table_known, diameter), hints, pattern = size.known(), view.hints(), board.value()
+    if pattern is not None and view.fov is not None:
+        raise BadInput("--fov and --board both give the focal length: give one of them")
     progress("reading")
-    each = max(MIN_MEDIAN_FRAMES, min(MEDIAN_FRAMES, MAX_ALL_FRAMES // len(sources)))
-    table_seen = table_view({str(source): list(frames(source, each)) for source in sources})
-    notes += table_seen.notes
-    if view.click:
+
+    def click_at(line: str) -> None:
         progress.close()
-        crossings = view.clicked(np.rint(table_seen.picture).astype(np.uint8))
-    hints = CameraHints(view.fov, lens, crossings, view.hold, sides, view.marker_size or MARKER_SIZE_M)
-    found = calibrate_picture(
-        table_seen.picture, cushions, diameter, hints, stills=table_seen.stills, source=", ".join(table_seen.used),
-        progress=progress,
-    )  # fmt: skip
+        print(line, flush=True)
+
+    picture = files.report_file or files.out.with_name(f"{files.out.stem}.seen.png")
+    try:
+        found = calibrate_camera(
+            sources, table_known, diameter, hints, board=pattern, board_film=board.lens,
+            click=click_at if view.click else None, progress=progress,
+        )  # fmt: skip
+    except NoCamera as refusal:
+        progress.close()
+        refusal.draw(picture)
+        print("\n".join(refusal.seen.lines()))
+        print(f"what was seen: {picture}\nnext: {view.next_command(refusal, files.out)}", flush=True)
+        raise
     progress.close()
-    profiles = side_profiles([np.rint(table_seen.picture).astype(np.uint8)], found.camera)
-    print(table(rows(found), right=2))
-    for line in (*notes, *found.notes):
+    print(table(found.rows(), right=2))
+    for line in found.notes:
         print(line)
     for line in found.doubts:
         print(f"NOT to be trusted: {line}")
-    if files.report_file:
-        draw(files.report_file, np.rint(table_seen.picture).astype(np.uint8), found)
-        print(f"report: {files.report_file}")
+    if files.report_file or found.doubts:
+        found.draw(picture)
+        print(f"report: {picture}")
     if files.json_file:
-        write_json(files.json_file, to_json(found))
+        write_json(files.json_file, found.to_json())
     # The last: doctor takes a camera that is there for a calibration that came to its end.
-    write_camera(files.out, replace(found.camera, place_sd_m=place_sd(found), sides=profiles))
+    if found.doubts:
+        print(f"next: {view.next_command(found, files.out)}")
+    write_camera(files.out, found.camera)
     print(f"camera: {files.out}")
     return Status.FINDING if found.doubts else Status.DONE
-
-
-def frames(path: Path, count: int) -> Iterator[Picture]:
-    """Up to so many pictures, spread over a video or a folder, or the one that a file holds: (height, width, 3)."""
-    import cv2
-    import numpy as np
-
-    from sysid.vision.frames import check_size, grabbed, quiet, read_picture, retrieved
-
-    if not (path.is_file() or path.is_dir()):
-        raise BadInput(f"{path}: does not exist; name a video, a picture, or a folder of pictures")
-    if path.is_dir() or path.suffix.lower() in PICTURE_SUFFIXES:
-        files = sorted(f for f in path.iterdir() if f.suffix.lower() in PICTURE_SUFFIXES) if path.is_dir() else [path]
-        if not files:
-            raise BadInput(
-                f"{path}: holds no pictures ({', '.join(sorted(PICTURE_SUFFIXES))}); name a video or a picture"
-            )
-        shape: tuple[int, ...] | None = None
-        for k in np.unique(np.linspace(0, len(files) - 1, min(count, len(files))).astype(int)):
-            picture = read_picture(files[k])
-            if picture is None:
-                raise BadInput(f"{files[k]}: is not a picture that can be read; take it away or convert it to PNG")
-            if shape not in (None, picture.shape):
-                raise BadInput(f"{files[k]}: is of another size than those before it; take it away")
-            shape = picture.shape
-            yield picture
-        return
-    with quiet():
-        video = cv2.VideoCapture(str(path))
-    check_size(path, video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT))
-    try:
-        total = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
-        yielded = False
-        for k in np.unique(np.linspace(0, max(total - 1, 0), count).astype(int)):
-            if k > 0:
-                video.set(cv2.CAP_PROP_POS_FRAMES, int(k))
-            picture = retrieved(video) if grabbed(video) else None
-            if picture is not None:
-                yielded = True
-                yield picture
-        if not yielded:
-            raise BadInput(f"{path}: is not a video that can be read; convert it, to H.264 in mp4 for instance")
-    finally:
-        video.release()

@@ -10,10 +10,10 @@ from typing import Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, gathered, given, out_folder_option
+from models.command_line import ABOVE_ZERO, Number, gathered, given, out_folder_option, typed_again
 from models.console import Progress, Status, as_called
 from models.files import made_folder, result_folder
-from sysid.cli.calibrate import calibrate
+from sysid.cli.calibrate import BoardOptions, calibrate
 from sysid.cli.common import accept_camera_option, mass_option, palette_option
 from sysid.cli.compare import check
 from sysid.cli.discovery import discover
@@ -21,6 +21,17 @@ from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
 from sysid.cli.track import track
 
 CAMERA_FILE, CAMERA_PICTURE, SHEET_FILE = "camera.toml", "camera.png", "shots.png"
+JOINED = (
+    "videos",
+    "corners",
+    "click",
+    "hold",
+    "fov",
+    "board",
+    "square",
+    "board_marker",
+    "lens",
+)  # may differ: see `camera`
 CLIPS_FOLDER, FOUND_FOLDER = "clips", "found"
 
 
@@ -33,6 +44,10 @@ class FilmedTable:
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
     corners: str | None = given("--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels].")
     click: bool = given("--click", "", "Click these corners in a browser.", bool)
+    hold: bool = given("--hold", "", "Keep the corners given to some pixels, and fit the rest.", bool)
+    fov: float | None = given(
+        "--fov", "DEG", "Field of view across the picture's longer side, if known.", Number(3, 150, unit="degrees")
+    )
     fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
@@ -43,6 +58,13 @@ class FilmedTable:
         words: list[object] = ["--table", self.table_name]
         words += ["--diameter", self.diameter] if self.diameter is not None else []
         return words + ["--no-pockets"] * self.no_pockets
+
+    def of_camera(self) -> list[object]:
+        """What is known of the camera, as `sysid calibrate` takes it."""
+        words: list[object] = []
+        for option, value in (("--corners", self.corners), ("--fov", self.fov)):
+            words += [option, value] if value is not None else []
+        return words + ["--click"] * self.click + ["--hold"] * self.hold
 
     def known_mass(self) -> float | None:
         """Of a ball [kg], where it was given or belongs to the table's name."""
@@ -55,11 +77,13 @@ class FilmedTable:
 @click.command()
 @click.argument("videos", metavar="VIDEO...", nargs=-1, required=True)
 @gathered("filmed", FilmedTable)
-@out_folder_option("Folder of all results.", CLIPS_FOLDER, FOUND_FOLDER, joined=("videos", "corners", "click"))
+@out_folder_option("Folder of all results.", CLIPS_FOLDER, FOUND_FOLDER, joined=JOINED)
+@gathered("board", BoardOptions)
 @accept_camera_option
 @click.pass_context
 def doctor(
-    context: click.Context, videos: tuple[str, ...], filmed: FilmedTable, out: Path, accept_camera: bool
+    context: click.Context, videos: tuple[str, ...], filmed: FilmedTable, out: Path, board: BoardOptions,
+    accept_camera: bool,
 ) -> int:  # fmt: skip
     """Examine a table from films of it: calibrate, track, check and discover.
 
@@ -75,7 +99,7 @@ def doctor(
     progress: Progress = context.obj
     if camera.is_file():
         from sysid.clips.trust import doubt_line
-        from sysid.vision.camera.projection import read_camera
+        from sysid.vision import read_camera
 
         if (doubt := doubt_line(camera, read_camera(camera).doubts)) and not accept_camera:
             print(f"stopped: {doubt}; delete it to calibrate anew, or go on with --accept-camera")
@@ -83,12 +107,11 @@ def doctor(
         print(f"camera: {camera} is there, kept; delete it to calibrate anew")
     else:
         words = [*videos, *sizes, "--out", camera, "--report", folder / CAMERA_PICTURE]
-        words += ["--corners", filmed.corners] if filmed.corners else []
-        words += ["--click"] * filmed.click
+        words += [*filmed.of_camera(), *board.words()]
         if _step(context, calibrate, words) and not accept_camera:
             camera.unlink(missing_ok=True)
             print(f"stopped: the camera is not to be trusted; look at {folder / CAMERA_PICTURE}")
-            print('corners that are right to ten pixels help: --click, or --corners "u,v u,v u,v u,v"')
+            print(f"to go on all the same: {typed_again('--accept-camera', without={})}")
             return Status.FINDING
     result_folder(folder)
     words = [*videos, "--camera", camera, "--out", clips, "--sheet", folder / SHEET_FILE]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sysid.clips.header import Header
     from sysid.foreign.convert import Imported, ShotFile, Stated
     from sysid.foreign.pixels import Pixels
-    from sysid.vision.camera.projection import Camera
+    from sysid.vision import Camera
 
 Y_HELP = "up where x, y and up are right-handed (of pixels: from the last row upwards), down as in pictures."
 TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
@@ -100,7 +100,7 @@ def import_(
     paths, shots, header = ([], [], None) if systems else _shots(files)
     camera = None
     if camera_file is not None:
-        from sysid.vision.camera.projection import read_camera
+        from sysid.vision import read_camera
 
         camera = read_camera(camera_file)
     if systems:

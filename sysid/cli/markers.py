@@ -26,7 +26,7 @@ def markers(table_name: str, out: Path) -> int:
     Example: sysid markers --table snooker --out markers.pdf
     """
     from models.presets import TableSet, find_table
-    from sysid.vision.camera.marker_sheet import write_markers
+    from sysid.vision import write_markers
 
     if out.suffix.lower() != PDF_SUFFIX:
         raise BadInput(f"{out}: the sheet is a PDF; end its name in {PDF_SUFFIX}")

@@ -70,14 +70,16 @@ def _review_clips(
     from sysid.cli.compare import labels_of
     from sysid.clips import read_clip_set
     from sysid.clips.choose import with_shots
+    from sysid.clips.trust import camera_doubts, tell_doubts
     from sysid.interface import compare
     from sysid.report.recording import write_measured, write_rrd
-    from sysid.vision.films import films_of, missing_line
+    from sysid.vision import films_of, missing_line
 
     if model_files:
         clip_set, models = Start(shots, model_files).load_several()
     else:
         clip_set, models = with_shots(read_clip_set(shots), shots), []
+        tell_doubts(shots, camera_doubts(clip_set))
     progress("looking at the films")
     films, missing = films_of(clip_set, video)
     progress.close()

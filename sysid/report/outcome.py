@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from models.console import Progress, write_json
 from models.model_file import write_model
 from models.shot import Track
 from sysid.clips import ClipSet
+from sysid.clips.trust import camera_doubts, doubt_line
 from sysid.estimation.fitted import as_model
 from sysid.report.findings import discovery_lines, label, labelled_models
 from sysid.report.html import Rung, write_report
@@ -72,6 +74,8 @@ def write_discovery(
     title = f"What {len(clip_set.clips)} clips say about the table"
     notes = discovery_lines(found)
     said = verdict_of(found)
+    if doubt := doubt_line(clip_set.folder, camera_doubts(clip_set)):
+        said = replace(said, certainty=f"{said.certainty}; {doubt}")
     write_report(
         path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds, verdict=said,
         unexplained=found.unexplained,
@@ -88,7 +92,8 @@ def write_outcome(
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
-    write_json(str(out / "result.json"), result_of(found, elapsed, compared))
+    told = result_of(found, elapsed, compared) | {"camera_doubts": list(camera_doubts(clip_set))}
+    write_json(str(out / "result.json"), told)
     write_discovery(out / "report.html", clip_set, found, [*compared, *with_formula])
     write_rrd(out / "review.rrd", compared, between)
     return last

@@ -65,7 +65,7 @@ def found_films(clip_set: ClipSet) -> Sequence[Film]:
     """The films of a clip set that lie where it says, or beside it; none where one is not the film that was tracked."""
     if not clip_set.extra.get("videos"):
         return ()
-    from sysid.vision.films import films_of
+    from sysid.vision import films_of
 
     try:
         return films_of(clip_set)[0]

@@ -20,7 +20,7 @@ from models.errors import BadInput
 from models.recording.film import Film
 from sysid.clips import Clip, ClipSet
 from sysid.vision.frames import Picture, open_footage
-from sysid.vision.tracks.recordings import video_name, videos_in
+from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
 
 STRIKE_TOLERANCE_S = 1e-4  # of a frame's stamp from the strike
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".ts", ".wmv")
@@ -55,6 +55,22 @@ def missing_line(missing: Sequence[str], folder: Path | None) -> str:
     if folder is not None:
         return f"{folder} holds no film of {named(missing)}: these clips are shown without"
     return f"film not found of {named(missing)}: give its folder with --video DIR"
+
+
+def film_entries(clip_set: ClipSet, video: Path, frames: tuple[int, int]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a clip from a film says of it, and what the clip set that it joins does: the `extra` of both.
+
+    Args:
+        clip_set: as it is before.
+        video: the film.
+        frames: the first and the last one of the clip.
+    """
+    videos = list(videos_in(clip_set).values())
+    name, used = video_name(video.name), {entry["name"] for entry in videos}
+    while name in used:
+        name += "-again"
+    videos.append({"name": name, "file": place_of(str(video), clip_set.folder), "fps": clip_set.fps})
+    return {"video": name, "frames": list(frames)}, {**clip_set.extra, VIDEOS_KEY: videos}
 
 
 def _absent(clip_set: ClipSet, folder: Path, missing: Sequence[str]) -> str:

@@ -143,6 +143,20 @@ def test_rooms_import_only_what_lies_below_them(package: str, room: str) -> None
     assert found & set(ROOMS[package]) <= {room, *ROOMS[package][room]}
 
 
+def test_vision_is_entered_by_its_door() -> None:
+    """Other rooms import the names that `sysid.vision` offers, and it imports nothing of sysid but clips."""
+    inside = sources("sysid/vision")
+    offered = {f"sysid.vision.{name}" for name in importlib.import_module("sysid.vision").__all__}
+    deep = {
+        f"{path.relative_to(ROOT)} imports {name}"
+        for folder in FLOW for path in sources(folder) if path not in inside
+        for name in imports(path) if name.startswith("sysid.vision") and name not in offered
+    }  # fmt: skip
+    assert deep == set()
+    above = {name for path in inside for name in imports(path) if name.startswith("sysid.")}
+    assert {name for name in above if not name.startswith(("sysid.clips", "sysid.vision"))} == set()
+
+
 def test_no_imports_go_in_a_circle() -> None:
     modules = {".".join(p.relative_to(ROOT).with_suffix("").parts): p for f in FLOW for p in sources(f)}
     needs: dict[str, set[str]] = {}

@@ -16,12 +16,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import models
 import planner
 import sysid
+import sysid.vision
 from models.sheet import Presented, Sheet
 from sysid.cli.demo import EXAMPLE_FOLDER
 from tests.architecture.source import ROOT
 
 
-@pytest.mark.parametrize("package", [models, sysid, planner], ids=lambda p: str(p.__name__))
+@pytest.mark.parametrize("package", [models, sysid, sysid.vision, planner], ids=lambda p: str(p.__name__))
 def test_every_public_name_is_there(package: object) -> None:
     module = importlib.import_module(str(getattr(package, "__name__", "")))
     names = module.__all__
@@ -34,7 +35,7 @@ def test_every_public_name_is_there(package: object) -> None:
 
 def test_importing_loads_and_compiles_nothing() -> None:
     heavy = "print([m for m in ('numpy', 'numba', 'mujoco') if m in sys.modules])"
-    code = f"import sys, models, sysid, planner, robot; {heavy}"
+    code = f"import sys, models, sysid, sysid.vision, planner, robot; {heavy}"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -97,7 +97,8 @@ def test_sizes_are_those_of_the_specifications() -> None:
     sizes = {name: (s.table.length, s.table.width) for name, s in TABLE_SETS.items()}
     assert sizes["snooker"] == (3.569, 1.778)
     assert sizes["pool 9 ft"] == pytest.approx((2.54, 1.27)) and sizes["pool 8 ft"] == pytest.approx((2.3368, 1.1684))
-    for name in POOLS:
+    assert sizes["pool 8 ft home"] == pytest.approx((2.2352, 1.1176)), "88 by 44 in"
+    for name in (*POOLS, "pool 8 ft home"):
         ball = TABLE_SETS[name].ball
         assert ball.diameter == pytest.approx(0.05715) and 0.156 <= ball.mass <= 0.1701
 
@@ -105,7 +106,8 @@ def test_sizes_are_those_of_the_specifications() -> None:
 @pytest.mark.parametrize(
     ("text", "name"),
     [("8ft", "pool 8 ft"), ("Pool 9 FT", "pool 9 ft"), ("pool-7-foot", "pool 7 ft"), ("12ft", "snooker"),
-     ("snooker 12 ft", "snooker"), ("CAROM", "carom")],
+     ("snooker 12 ft", "snooker"), ("CAROM", "carom"),
+     ("8 ft home", "pool 8 ft home"), ("88x44in", "pool 8 ft home")],
 )  # fmt: skip
 def test_names_of_tables_may_be_written_several_ways(text: str, name: str) -> None:
     assert find_table(text) is TABLE_SETS[name]
@@ -114,7 +116,8 @@ def test_names_of_tables_may_be_written_several_ways(text: str, name: str) -> No
 @pytest.mark.parametrize(
     ("text", "told"),
     [("poll 8 ft", 'did you mean "pool 8 ft"'), ("pool 6 ft", "give one of"), ("snooker 10 ft", "12 ft alone.*give"),
-     ("1x2", "the longer first"), ("3.5x", "the longer first"), ("", "give one of")],
+     ("1x2", "the longer first"), ("3.5x", "the longer first"), ("8 ft tournament", "88 by 44 in, \"pool 8 ft home\""),
+      ("", "give one of")],
 )  # fmt: skip
 def test_a_table_that_is_not_known_names_what_is_near(text: str, told: str) -> None:
     assert find_table("1.881x0.943") == Table(1.881, 0.943)

@@ -8,14 +8,14 @@ import pytest
 from models.errors import BadInput
 from models.presets import POOL_BALL, TABLE_SETS
 from planner.from_picture import DetectedBalls, _cue_doubts, scene_of
-from sysid.vision.balls.detect import Detection
+from sysid.vision import StillBall
 
 GOAL = {"object": "green", "pocket": "any"}
 PLACES = {"white": (0.3, 0.1), "green": (-0.4, 0.2), "red_stripe": (0.1, -0.2)}
 
 
-def detection(name: str, odds: float, other: str | None) -> Detection:
-    return Detection(name, np.zeros(2), 14.0, 0.1, 1.0, 1.0, odds=odds, other=other)
+def ball(colour: str, other: str | None = None, odds: float = 0.0) -> StillBall:
+    return StillBall(np.zeros((1, 2)), colour, other, odds)
 
 
 def found(doubts: tuple[str, ...] = ()) -> DetectedBalls:
@@ -25,13 +25,13 @@ def found(doubts: tuple[str, ...] = ()) -> DetectedBalls:
 
 def test_a_ball_is_doubtful_where_it_or_its_rival_is_the_cue_ball() -> None:
     balls = {
-        "white": detection("white", 0.7, "red_stripe"), "green": detection("green", 0.6, "green_stripe"),
-        "red_stripe": detection("red_stripe", 0.65, "white"),
+        "white": ball("white", "red_stripe", 0.3), "green": ball("green", "green_stripe", 0.4),
+        "red_stripe": ball("red_stripe", "white", 0.35),
     }  # fmt: skip
     assert _cue_doubts(balls, found()) == (
         "white at 0.30, 0.10 m may be red_stripe (30 %)", "red_stripe at 0.10, -0.20 m may be white (35 %)",
     )  # fmt: skip
-    sure = {name: detection(name, 0.95, None) for name in balls}
+    sure = {name: ball(name) for name in balls}
     assert _cue_doubts(sure, found()) == ()
 
 

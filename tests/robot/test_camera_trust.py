@@ -11,8 +11,10 @@ import pytest
 
 import planner.cli
 import robot.cli
+import sysid
 import sysid.cli
 from models.errors import BadInput
+from planner.cli.view import GivenStroke, Shown, setup
 from planner.scene import read_scene
 from sysid.clips import read_clip_set, write_clip_set
 from sysid.clips.trust import camera_doubts, with_doubts
@@ -95,6 +97,34 @@ def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]
     sysid.cli.main(["import", "pixels.csv", "--camera", "cam.toml", "--y", "down", "--fps", "60", "--out", "imported"])
     assert f"warning: {TOLD}\n" in capsys.readouterr().err
     assert camera_doubts(read_clip_set("imported")) == (DOUBT,)
+
+
+def test_functions_tell_it_and_carry_it_as_commands_do(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    camera, rows = read_camera("cam.toml"), ["t,ball,x,y"]
+    for k in range(60):
+        x, y = camera.outline([[-0.4 + 0.01 * max(k - 5, 0), 0.1]])[0]
+        rows.append(f"{k / 60:.4f},white,{x:.2f},{y:.2f}")
+    Path("pixels.csv").write_text("\n".join(rows) + "\n")
+    clips = sysid.import_tracks("pixels.csv", camera="cam.toml", y="down", fps=60.0)
+    assert camera_doubts(clips) == (DOUBT,) and f"warning: {TOLD}\n" in capsys.readouterr().err
+    with pytest.raises(BadInput):  # no shot is in it
+        sysid.track("film.avi", "cam.toml")
+    assert f"warning: {TOLD}\n" in capsys.readouterr().err
+
+
+def test_views_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_clip_set(with_doubts(read_clip_set("clips"), (DOUBT,)), "tracked")
+    assert sysid.cli.main(["review", "tracked", "--save", "a.rrd"]) == 0
+    assert f"warning: tracked: the camera is not to be trusted: {DOUBT}\n" in capsys.readouterr().err
+    Path("new.toml").write_text(f'camera_doubts = ["{DOUBT}"]\n' + Path("scene.toml").read_text())
+    plan = json.loads(Path("plan.json").read_text())
+    plan["scene"]["camera_doubts"] = [DOUBT]
+    Path("new.json").write_text(json.dumps(plan))
+    for source in ("tracked", "new.toml", "new.json"):
+        setup(Shown(Path(source)), GivenStroke())
+        assert f"warning: {source}: the camera is not to be trusted: {DOUBT}\n" in capsys.readouterr().err
+    assert planner.cli.main(["review", "new.json", "--save", "b.rrd"]) == 0
+    assert f"warning: new.json: the camera is not to be trusted: {DOUBT}\n" in capsys.readouterr().err
 
 
 def test_a_scene_for_a_plan_is_refused_before_the_work(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

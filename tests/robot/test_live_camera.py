@@ -17,9 +17,8 @@ from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 from robot.camera.live import CameraOptions, LiveCamera
 from robot.camera.recorder import FilmRecorder, frame_numbers
-from robot.camera.source import Device
 from robot.play import ShotCamera
-from sysid.vision.camera.projection import write_camera
+from sysid.vision import Device, write_camera
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion, motion_of

@@ -21,7 +21,6 @@ from models.errors import BadInput
 from models.shot import Array, Table
 from planner.scene import write_scene
 from planner.study.draws import draw_scene
-from robot.camera.cue_line import CueLine
 from robot.cli.verbs import main
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
@@ -32,7 +31,7 @@ from robot.learning.loop import learn
 from robot.play import played_file, read_order
 from robot.table.placing import MAX_PLACING_TRIES, PLACING_TOLERANCE_M
 from sysid.clips import read_clip_set
-from sysid.vision.camera.projection import write_camera
+from sysid.vision import CueLine, write_camera
 from tests.robot.align_pictures import Stick, bare, camera_over, empty, picture
 from tests.robot.test_learn import COURSE, MODEL, SCENE
 from tests.robot.test_learn_cli import QUICK

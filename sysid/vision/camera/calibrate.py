@@ -49,11 +49,13 @@ from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
     FOCAL_ERROR,
     TABLE_SIZE_REMEDY,
+    aside_notes,
     assumed_focal_doubts,
     corner_doubts,
     doubts,
     outline_doubts,
     parallax,
+    tilt,
     uncertainty,
 )
 from sysid.vision.camera.weighed_sides import weighed
@@ -95,7 +97,7 @@ class Calibration:
     @property
     def tilt(self) -> float:
         """Of the camera's axis against the vertical [degrees]."""
-        return float(np.degrees(np.arccos(np.clip(-self.camera.axes[2, 2], -1, 1))))
+        return tilt(self.camera)
 
     @property
     def edges(self) -> bool:
@@ -196,7 +198,8 @@ def calibrate(
     return Calibration(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text, doubts=tuple(warnings)), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
-        uncertainty(lines), shifts, apart_sd, (*notes, *said, *evidence(lines.camera, seen, reading)),
+        uncertainty(lines), shifts, apart_sd,
+        (*notes, *said, *evidence(lines.camera, seen, reading), *aside_notes(lines.camera)),
         seen.diamonds, seen.balls, reading.diamond_margin, markers,
     )  # fmt: skip
 
@@ -386,6 +389,6 @@ def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str
     edge, unknown = BY_HAND if scene.by_hand else BY_MARKERS, (np.nan, np.nan)
     return Calibration(
         dataclasses.replace(camera, doubts=warnings), first, focal_from, np.nan, edge, unknown, parallax(first),
-        FOCAL_ERROR, tuple(notes),
+        FOCAL_ERROR, (*notes, *aside_notes(camera)),
         markers=scene.markers,
     )  # fmt: skip

@@ -6,6 +6,7 @@ the balls. A camera is right where the noses run along the noses, in the middle 
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,9 +31,11 @@ DIAMOND_COLOUR: Bgr = (0, 255, 255)
 BAULK_COLOUR: Bgr = (255, 255, 255)
 GRID_COLOUR: Bgr = (225, 225, 225)
 BALL_COLOUR: Bgr = (0, 0, 255)
+GIVEN_COLOUR: Bgr = (255, 255, 255)
 GRID_SPACING_M = 0.25  # of the lines drawn on the plane of the balls
 BAULK_LENGTHS = 737 / 3569  # of the baulk line from its cushion (World Snooker rules, 1), in lengths of the table
 BAULK_RADIUS_LENGTHS = 292 / 3569  # of the D
+MAX_LINE_CHARS = 140  # of text below a picture: what its width holds
 MIN_PICTURE_WIDTH_PX = 1000  # below which the text is not legible
 DETAIL_PX = 72  # side of what is magnified, in a picture 1280 wide
 FRACTION_BITS = 4  # of positions in OpenCV's drawing functions
@@ -56,30 +59,42 @@ class Canvas:
         """A line through points (n, 2)."""
         cv2.polylines(self.pixels, [self.at(points)], False, colour, self.width, cv2.LINE_AA, FRACTION_BITS)
 
+    def cross(self, point: Array, colour: Bgr) -> None:
+        """A cross at a point (2,)."""
+        arm = 8.0 * self.width / self.zoom
+        for way in np.array([[arm, arm], [arm, -arm]]):
+            self.line(np.stack([point - way, point + way]), colour)
+
     def circle(self, centre: Array, radius: float, colour: Bgr, filled: bool = False) -> None:
         """A circle, its radius in pixels of this picture."""
         width, place = cv2.FILLED if filled else self.width, self.at(centre[None])[0].tolist()
         cv2.circle(self.pixels, place, round(radius * 2**FRACTION_BITS), colour, width, cv2.LINE_AA, FRACTION_BITS)
 
 
-def draw(path: Path, picture: Picture, found: Calibration) -> None:
-    """Write the picture (height, width, 3) with the model over it, its details and its figures."""
-    larger = max(1, -(-MIN_PICTURE_WIDTH_PX // picture.shape[1]))
-    whole = Canvas(_zoomed(picture, larger), zoom=larger, width=max(1, round(larger * picture.shape[1] / 1000)))
+def draw(path: Path, picture: Picture, found: Calibration, given: Array | None = None) -> None:
+    """Write the picture (height, width, 3) with the model over it, its details and its figures.
+
+    Corners given by hand (4, 2) [pixels] are crosses.
+    """
+    whole = whole_canvas(picture)
     _grid(whole, found.camera)
     _model(whole, found)
+    for point in given if given is not None else ():
+        whole.cross(point, GIVEN_COLOUR)
     parts = [_detail(picture, found, place, whole.pixels.shape[1] // 4) for place in _details(found.camera)]
     details = [np.hstack(parts[k : k + 4]) for k in range(0, len(parts), 4)]
     wide = whole.pixels.shape[1]
     details = [cv2.copyMakeBorder(d, 0, 0, 0, wide - d.shape[1], cv2.BORDER_CONSTANT) for d in details]
     lines = [f"{name}: {text}" for name, text in rows(found)]
-    words = _text([*lines, *found.notes, *(f"NOT to be trusted: {doubt}" for doubt in found.doubts)], wide)
+    words = text_below([*lines, *found.notes, *(f"NOT to be trusted: {doubt}" for doubt in found.doubts)], wide)
     write_whole(path, cv2.imencode(".png", np.vstack([whole.pixels, *details, words]))[1].tobytes())
 
 
-def _zoomed(picture: Picture, zoom: float) -> Picture:
-    """A picture with so many pixels along the side of each."""
-    return np.array(cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST))
+def whole_canvas(picture: Picture) -> Canvas:
+    """All of a picture to draw upon, magnified where it is small."""
+    zoom = max(1, -(-MIN_PICTURE_WIDTH_PX // picture.shape[1]))
+    pixels = np.array(cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST))
+    return Canvas(pixels, zoom=zoom, width=max(1, round(zoom * picture.shape[1] / 1000)))
 
 
 def _projected(camera: Camera, points: Array) -> Array:
@@ -179,9 +194,10 @@ def _detail(picture: Picture, found: Calibration, place: Array, width: int) -> P
     return np.asarray(part)
 
 
-def _text(lines: Sequence[str], wide: int) -> Picture:
-    """Lines of text on black."""
+def text_below(lines: Sequence[str], wide: int) -> Picture:
+    """Lines of text on black, long ones continued below."""
     scale = wide / 1600
+    lines = [part for line in lines for part in textwrap.wrap(line, MAX_LINE_CHARS, subsequent_indent="    ")]
     out = np.zeros((int((14 + 24 * len(lines)) * scale), wide, 3), np.uint8)
     for k, line in enumerate(lines):
         place = (int(12 * scale), int((26 + 24 * k) * scale))

@@ -70,8 +70,8 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(MAX_DENT_WIDTHS * width / 2) + 1,) * 2)
     mask = cv2.morphologyEx(cv2.medianBlur(mask, 5), cv2.MORPH_CLOSE, kernel)
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    largest = max(outlines, key=cv2.contourArea)
-    if cv2.contourArea(largest) < MIN_CLOTH_FRACTION * mask.size:
+    largest = max(outlines, key=cv2.contourArea, default=None)
+    if largest is None or cv2.contourArea(largest) < MIN_CLOTH_FRACTION * mask.size:
         raise BadInput(f"no table found: the largest region of the cloth's colour is small; {NO_TABLE_REMEDY}")
     region = np.zeros_like(mask)
     cv2.drawContours(region, [largest], -1, 255, cv2.FILLED)
@@ -98,7 +98,7 @@ def cloth_coloured(picture: NDArray[np.uint8]) -> Mask:
     votes = np.bincount(hue[vivid].astype(int), saturation[vivid], 180)
     smooth = sum(np.roll(votes, k) * np.exp(-((k / 3) ** 2) / 2) for k in range(-8, 9))
     good = vivid & (np.abs((hue - np.argmax(smooth) + 90) % 180 - 90) < 12)
-    if good.sum() < MIN_CORE_FRACTION * core.sum():
+    if good.sum() < max(MIN_CORE_FRACTION * core.sum(), 1):
         raise BadInput(f"no table found: no saturated colour fills the middle of the picture; {NO_TABLE_REMEDY}")
     bright = value > 0.25 * np.median(value[good])
     light = blurred.astype(np.float32)

@@ -21,11 +21,13 @@ MAX_PLACE_SD_M = 3e-3  # of a place on the table, at worst,
 MAX_RMS_SD_M = 2.5e-3  # and rms over it
 MAX_CORNER_RMS_PX = 2.0  # of corners given by hand
 MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
+ASIDE_DEG = 45.0  # beyond which a view is nearer to level than to straight down
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
 FOCAL_ERROR = 0.1  # relative, whose effect is reported
 K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
 SMALL_M = 2e-4  # by which places are moved to see how they depend on the camera,
 SMALLER_STEPS = 0.25 ** np.arange(30)  # in the first of these parts of a standard deviation that moves them by less
+ASSUMED_FOCAL = "the focal length is assumed"
 SIDE_BINS = 12  # averages along a side
 TABLE_SIZE_REMEDY = "check --length and --width, or give --corners"
 
@@ -92,8 +94,9 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
         wider = fit_camera(lines.camera, lines.pixels, lines.rails, free, prior={"focal": (0.0, 0.3), **K1_PRIOR})
         limit_m = max(MAX_MARGIN_M, 4 * wider.total_sd["margin"])
         if abs(wider.margin) > limit_m and wider.reprojection_error < 0.8 * lines.reprojection_error:
+            way = "longer and wider" if wider.margin > 0 else "shorter and narrower"
             messages.append(
-                f"a table {2e3 * wider.margin:.0f} mm longer and wider than {table.length:g} x {table.width:g} m would"
+                f"a table {abs(2e3 * wider.margin):.0f} mm {way} than {table.length:g} x {table.width:g} m would"
                 f" fit the sides better: {TABLE_SIZE_REMEDY}"
             )
         elif only_edge and found_focal and wider.total_sd["margin"] > 0.01:
@@ -119,19 +122,40 @@ def assumed_focal_doubts(shift: float, focal_sd: float, spread: float) -> list[s
     if error < MAX_RMS_SD_M:
         return []
     return [
-        f"the focal length is assumed, and may be {100 * focal_sd:.0f} % off: places would be {1e3 * error:.0f}"
+        f"{ASSUMED_FOCAL}, and may be {100 * focal_sd:.0f} % off: places would be {1e3 * error:.0f}"
         " mm off; give --fov, or film a board"
     ]
 
 
+def tilt(camera: Camera) -> float:
+    """Of a camera's axis against the vertical [degrees]."""
+    return float(np.degrees(np.arccos(np.clip(-camera.axes[2, 2], -1, 1))))
+
+
+def aside_notes(camera: Camera) -> list[str]:
+    """What is to be said of a view that is nearer to level than to straight down."""
+    if (lean := tilt(camera)) < ASIDE_DEG:
+        return []
+    return [
+        f"a view from aside, {lean:.0f} degrees off the vertical: along the line of sight a pixel covers"
+        f" {1 / max(np.cos(np.radians(lean)), 1e-3):.1f} times as much of the table, and balls hide each other;"
+        " film from higher up"
+    ]
+
+
+def is_of_focal_length(doubt: str) -> bool:
+    """Whether a doubt is that of an assumed focal length."""
+    return doubt.startswith(ASSUMED_FOCAL)
+
+
 def corner_doubts(first: CameraFit) -> list[str]:
     """Doubts about corners given by hand, beside which no edges were found."""
-    tilt = float(np.degrees(np.arccos(np.clip(-first.camera.axes[2, 2], -1, 1))))
+    lean = tilt(first.camera)
     error = float(np.sqrt(np.mean(first.away**2)))  # including outliers
-    if error < MAX_CORNER_RMS_PX * first.camera.eye[2] / first.camera.matrix[0, 0] and tilt < MAX_TILT_DEG:
+    if error < MAX_CORNER_RMS_PX * first.camera.eye[2] / first.camera.matrix[0, 0] and lean < MAX_TILT_DEG:
         return []
     text = f"the corners given miss those of such a table by {1e3 * error:.0f} mm"
-    return [f"{text}, seen at a tilt of {tilt:.0f} degrees: give them anew"]
+    return [f"{text}, seen at a tilt of {lean:.0f} degrees: give them anew"]
 
 
 def outline_doubts(lines: CameraFit, first: CameraFit, left: int) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from pathlib import Path
 
@@ -57,6 +58,31 @@ def test_steps_follow_each_other_with_what_is_known(called: list[tuple[str, ...]
 def test_a_table_by_name_may_be_said_to_have_no_pockets(called: list[tuple[str, ...]], tmp_path: Path) -> None:
     assert main(["doctor", "a.mp4", "--table", "8ft", "--no-pockets", "--out", str(tmp_path)]) == 1
     assert "--no-pockets" in called[0]
+
+
+def test_what_is_known_of_the_camera_goes_to_calibrate(called: list[tuple[str, ...]], tmp_path: Path) -> None:
+    known = ["--corners", "1,2 3,4 5,6 7,8", "--hold", "--fov", "60.0"]
+    board = ["--board", "charuco:7x5", "--square", "0.04", "--board-marker", "0.03", "--lens", "b.mp4"]
+    out = str(tmp_path / "out")
+    assert main(["doctor", "a.mp4", "--table", "8ft", *known, *board, "--out", out]) == 1
+    words = list(called[0])
+    for option, value in (
+        ("--corners", "1,2 3,4 5,6 7,8"),
+        ("--fov", "60"),
+        *zip(board[::2], board[1::2], strict=True),
+    ):
+        assert words[words.index(option) + 1] == value
+    assert "--hold" in words
+
+
+def test_it_names_the_command_that_goes_on_with_a_camera_in_doubt(
+    called: list[tuple[str, ...]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "calibrate", stand_in("calibrate", int(Status.FINDING), "camera", called))
+    words = ["doctor", "a b.mp4", "--table", "8ft", "--out", str(tmp_path / "out")]
+    assert main(words) == 1
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("to go on all the same: "))
+    assert shlex.split(line.partition(": ")[2])[1:] == [*words, "--accept-camera"]
 
 
 def test_a_camera_that_is_there_is_kept(called: list[tuple[str, ...]], tmp_path: Path) -> None:

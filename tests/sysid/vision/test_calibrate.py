@@ -14,10 +14,10 @@ from models.console import Progress
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
 from sysid.cli.calibrate import calibrate as cli_calibrate
-from sysid.cli.calibrate import frames
-from sysid.vision.camera.board import lens_of
+from sysid.vision.camera.board import Board, lens_of
 from sysid.vision.camera.calibrate import Calibration, CameraHints, calibrate
 from sysid.vision.camera.projection import Array, Camera, read_camera
+from sysid.vision.samples import spread_pictures
 from tests.footage import film
 from tests.footage.film import Look, Picture, developed, table_picture
 from tests.footage.motion import Motion
@@ -252,7 +252,7 @@ def board() -> list[Picture]:
 
 def test_a_board_tells_the_lens(board: list[Picture]) -> None:
     camera = over_table(size=(400, 260))
-    lens = lens_of(board, (7, 5), 0.04)
+    lens = lens_of(board, Board(7, 5, 0.04))
     assert lens.views == len(TILTS)
     assert lens.matrix[0, 0] == pytest.approx(camera.matrix[0, 0], rel=0.01)
     assert lens.distortion[0] == pytest.approx(camera.distortion[0], abs=0.03)
@@ -266,9 +266,9 @@ def test_a_board_tells_the_lens(board: list[Picture]) -> None:
 def test_a_board_seen_from_one_side_or_not_at_all_is_refused(board: list[Picture]) -> None:
     camera = over_table(size=(400, 260))
     with pytest.raises(BadInput, match="focal length"):
-        lens_of(board_views(camera, [(0.0, 0.0)]), (7, 5), 0.04)
+        lens_of(board_views(camera, [(0.0, 0.0)]), Board(7, 5, 0.04))
     with pytest.raises(BadInput, match="no 6x4 chessboard"):
-        lens_of([np.full((260, 400, 3), 90, np.uint8)], (6, 4), 0.04)
+        lens_of([np.full((260, 400, 3), 90, np.uint8)], Board(6, 4, 0.04))
 
 
 def run(*arguments: str) -> int:
@@ -350,7 +350,7 @@ def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.png").write_text("no picture")
     for name in ("folder", "text.mp4", "text.png"):
         with pytest.raises(BadInput, match=name):
-            list(frames(tmp_path / name, 3))
+            list(spread_pictures(tmp_path / name, 3))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import Table
-from sysid.cli.calibrate import MEDIAN_FRAMES, frames
+from sysid.vision.calibration import MEDIAN_FRAMES
 from sysid.vision.camera import noses, table_edges, table_lines
 from sysid.vision.camera.calibrate import calibrate
 from sysid.vision.camera.cloth_end import cloth_ends
@@ -18,6 +18,7 @@ from sysid.vision.camera.footages import table_view
 from sysid.vision.camera.pose import distances
 from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.table_edges import SIDE_PARTS, Edge
+from sysid.vision.samples import spread_pictures
 from tests.footage.__main__ import camera_over
 from tests.footage.film import RUBBER, Look, Picture, developed, table_picture
 from tests.footage.study import made, recipe
@@ -132,7 +133,7 @@ def test_the_end_of_the_cloth_stands_in_for_a_nose_as_dark_as_its_shadow() -> No
 def test_a_dark_cushion_whose_nose_seemed_the_end_of_the_cloth_is_looked_at_again(tmp_path: Path) -> None:
     film = recipe(137)  # under an arm; its diamonds and noses show, its left cushion is dark
     camera, _, video = made(film, tmp_path)
-    view = table_view({video.name: list(frames(video, MEDIAN_FRAMES))})
+    view = table_view({video.name: list(spread_pictures(video, MEDIAN_FRAMES))})
     found = calibrate(view.picture, camera.table, camera.diameter, stills=view.stills)
     assert found.doubts == ()
     assert over_bed(camera, found.camera) < 1.0

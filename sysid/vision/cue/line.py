@@ -31,7 +31,6 @@ from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import CUE_WIDTHS_M, SECTION_LENGTH_M, CueAxis, Image, fit_axis, plane_pixels, sample_colours
 from sysid.vision.frames import Picture
 
-CUE_ELEVATION = math.radians(6.5)  # of the launcher's cue [rad] (Robotic Billiards 2015)
 SEARCH_LENGTH_M, EDGE_LENGTH_M = 0.8, 1.2  # behind the ball: where a cue is searched, where its edges are measured
 LANE_OFFSET_M = 0.014  # from a cue's axis to the cloth beside it, with which it is compared
 MAX_AXIS_OFFSET_M = 0.024  # of the cue's axis from the ball's centre
@@ -78,7 +77,7 @@ class _Bar:
 
 
 def cue_direction(
-    picture: Picture, camera: Camera, ball_xy: Array, elevation: float = CUE_ELEVATION, near: float | None = None
+    picture: Picture, camera: Camera, ball_xy: Array, elevation: float, near: float | None = None
 ) -> CueLine:  # fmt: skip
     """Measure the cue that lies behind a ball.
 
