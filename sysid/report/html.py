@@ -32,10 +32,12 @@ from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
 from sysid.report.first_figures import first_figures
 from sysid.report.health import INTERVAL_SDS, health, health_lines
 from sysid.report.player import playback
+from sysid.report.shot_picture import shot_pictures
 from sysid.report.text import in_words
 from sysid.report.typical import TYPICAL_RANGES
 from sysid.report.verdict import Verdict
 from sysid.residuals.comparison import Comparison, Group
+from sysid.selection.next_shot import NextShot
 from sysid.selection.screening import Screening
 
 __all__ = ["Rung", "write_report"]
@@ -66,6 +68,7 @@ def write_report(
     rounds: Sequence[Screening] = (),
     verdict: Verdict | None = None,
     unexplained: Mapping[str, Any] | None = None,
+    next_shots: Sequence[NextShot] = (),
 ) -> None:
     """Write one HTML file, whole or not at all; the last comparison is drawn in full.
 
@@ -78,6 +81,7 @@ def write_report(
         rounds: of candidates for what is missing.
         verdict: of a discovery.
         unexplained: what no effect explains, as result.json has it.
+        next_shots: to film, which are drawn as the last model plays them.
 
     Raises:
         BadInput: the file cannot be written there.
@@ -111,6 +115,7 @@ def write_report(
         rounds=[_round(number, seen) for number, seen in enumerate(rounds, 1)],
         charts=charts,
         first_figures=first,
+        next_shots=shot_pictures(next_shots, last.model) if last else [],
         figures=embedded({"charts": drawn, "player": player}) if drawn or player else "",
         player=player,
         **values,
