@@ -82,7 +82,10 @@ def cloth_pictures(models: Sequence[tuple[str, Lacking]], table: Table) -> list[
         ("arrows", f"{size:g} mm/s², as on a slope of {size / ROLLING_SHARE / GRAVITY:.2g} mm in a metre"),
         *([("colours", f"{size:g} mm/s²")] if colours else []), *([("bars", "")] if bars else []), ("hatched", ""),
     ]  # fmt: skip
-    return [replace(one, legend=(*rows, *_everywhere(field))) for one, (_, field, _) in zip(found, drawn, strict=True)]
+    legends = [[*rows, *_everywhere(field)] for _, field, _ in drawn]
+    most = max(len(legend) for legend in legends)  # as many lines in each, so that pictures to compare are as large
+    filled = [(*legend, *[("words", "")] * (most - len(legend))) for legend in legends]
+    return [replace(one, legend=legend) for one, legend in zip(found, filled, strict=True)]
 
 
 def _everywhere(field: ClothField) -> list[tuple[str, str]]:
