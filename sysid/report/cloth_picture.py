@@ -52,6 +52,7 @@ class Scale:
 class ClothPicture:
     """Shapes in pixels, y downwards."""
 
+    name: str  # unique in a page
     title: str
     width: float
     height: float  # of the table, without the legend
@@ -75,7 +76,7 @@ def cloth_pictures(models: Sequence[tuple[str, Lacking]], table: Table) -> list[
     if not drawn:
         return []
     scale = _scale(*drawn[0][1:])
-    found = [_picture(title, field, rails, scale, table) for title, field, rails in drawn]
+    found = [_picture(f"{k}", *one, scale, table) for k, one in enumerate(drawn)]
     colours, bars = any(one.colours for one in found), any(bar["kind"] != "same" for one in found for bar in one.bars)
     size = 1e3 * scale.acceleration
     rows = [
@@ -118,7 +119,7 @@ def _arrow_cells(field: ClothField) -> tuple[Array, Array]:
     return push, field.push_sd.reshape(nx, CELLS_AN_ARROW, ny, CELLS_AN_ARROW).mean(axis=(1, 3))
 
 
-def _picture(title: str, field: ClothField, rails: Rails | None, scale: Scale, table: Table) -> ClothPicture:
+def _picture(name: str, title: str, field: ClothField, rails: Rails | None, scale: Scale, table: Table) -> ClothPicture:
     width = WIDTH_PX - 2 * RIM_PX
     height = width * table.width / table.length
     nx, ny = field.change.shape
@@ -142,7 +143,7 @@ def _picture(title: str, field: ClothField, rails: Rails | None, scale: Scale, t
                 "words": f"slows {_mm(abs(value), sd)} {'more' if value < 0 else 'less'} than elsewhere",
             })  # fmt: skip
     return ClothPicture(
-        title, WIDTH_PX, height + 2 * RIM_PX, (RIM_PX, RIM_PX, width, height), _pockets(table, width, height),
+        name, title, WIDTH_PX, height + 2 * RIM_PX, (RIM_PX, RIM_PX, width, height), _pockets(table, width, height),
         tuple(colours), tuple(hatched), tuple(_arrows(field, scale, unknown, width, height)),
         tuple(_bars(rails, scale.rail, width, height)), LEGEND_ARROW * width * CELLS_AN_ARROW / nx,
     )  # fmt: skip
