@@ -67,7 +67,7 @@ class NextShot:
     def in_words(self) -> str:
         """What to lay and to strike; places from the table's middle, x along it, azimuths from +x towards +y."""
         c, (x, y) = self.cue, self.place
-        red = f", a red at x = {self.other[0]:.2f}, y = {self.other[1]:.2f} m" if self.other else ""
+        red = f", a red at x = {self.other[0]:.3f}, y = {self.other[1]:.3f} m" if self.other else ""
         tip = [
             f"{1e3 * abs(value):.0f} mm {words[value > 0]}"
             for value, words in ((c.side, ("left of", "right of")), (c.height, ("below", "above")))
@@ -75,8 +75,8 @@ class NextShot:
         ]
         offset = f"{' and '.join(tip)} the middle" if tip else "in the middle"
         return (
-            f"the cue ball at x = {x:.2f}, y = {y:.2f} m{red}; strike the cue ball {offset}, "
-            f"to {c.speed:.2f} m/s, azimuth {c.azimuth:.2f} rad ({np.degrees(c.azimuth):.0f} degrees)"
+            f"the cue ball at x = {x:.3f}, y = {y:.3f} m{red}; strike the cue ball {offset}, "
+            f"to {c.speed:.2f} m/s, azimuth {c.azimuth:.3f} rad ({np.degrees(c.azimuth):.1f} degrees)"
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -337,7 +337,7 @@ def test_the_next_shots_are_drawn_with_both_balls(tmp_path: Path) -> None:
     assert ">cue ball<" in pictures[0] and ">red<" in pictures[0] and ">red<" not in pictures[1]
     assert f"Shot 1 of 2: {why}" in text
     assert (
-        "Lay the cue ball at x = -1.00, y = 0.20 m, a red at x = 0.00, y = 0.30 m; strike the cue ball 3 mm right"
+        "Lay the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m; strike the cue ball 3 mm right"
         in text
     )
 

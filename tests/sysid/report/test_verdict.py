@@ -51,7 +51,7 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert size.endswith("noise alone leaves 0.707 mm")
     told = "table_tilt has a delta BIC of 5120, 1800 more than the next, and is found in 97 of 100 draws of the clips"
     assert certainty == f"certainty: {told}"
-    balls = "the cue ball at x = -1.00, y = 0.20 m, a red at x = 0.00, y = 0.30 m"
+    balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
     assert step.startswith(
         f"next: film {balls}; strike the cue ball in the middle, to 2.00 m/s, azimuth 0.50 rad (29 deg"
     )
