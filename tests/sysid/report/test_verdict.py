@@ -52,9 +52,8 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     told = "table_tilt has a delta BIC of 5120, 1800 more than the next, and is found in 97 of 100 draws of the clips"
     assert certainty == f"certainty: {told}"
     balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
-    assert step.startswith(
-        f"next: film {balls}; strike the cue ball in the middle, to 2.00 m/s, azimuth 0.50 rad (29 deg"
-    )
+    stroke = "strike the cue ball in the middle, to 2.00 m/s, azimuth 0.500 rad (28.6 degrees)"
+    assert step.startswith(f"next: film {balls}; {stroke}:")
     assert step.endswith("to separate table_tilt from cloth_nap")
 
 
