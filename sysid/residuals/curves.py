@@ -108,7 +108,7 @@ def motion_curves(phases: Phases, samples: Samples, clips: int, who: str) -> Sca
         wanted = [("slip", "m/s", phases.mean(samples.slip), SLIP_EDGES_M_S, "along")]
     if clips >= MIN_CLIPS_FOR_ORDER:
         edges = tuple(np.linspace(0.5, clips + 0.5, CLIP_GROUPS + 1).tolist())
-        number: Array = phases.clip + 1.0
+        number = phases.clip.astype(np.float64) + 1.0
         wanted.append(("number of the clip", "count", number, edges, "along"))
     return _by_key(
         _Scanned(("motion", who, variable, unit, f"acceleration {way} the way"), values, edges,
