@@ -166,7 +166,8 @@ class DiagnosedClips(Presented, ClipDiagnosis):
         """Write the report, one HTML file; BadInput where it cannot be written."""
         lines = [*self.sheet().lines, *shot_lines(self.next_shots)] if notes is None else notes
         rounds = (self.diagnosis.screening,)
-        write_report(path, "What is missing", [("base", self.comparison)], notes=lines, rounds=rounds)
+        compared = [("base", self.comparison)]
+        write_report(path, "What is missing", compared, notes=lines, rounds=rounds, next_shots=self.next_shots)
 
 
 @dataclass(frozen=True, repr=False, eq=False)

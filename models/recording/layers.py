@@ -26,7 +26,7 @@ EVENT_MARKS = {
     "ball": ("ball hits ball", (255, 70, 220)),
     "pocket": ("pot", WHITE_COLOUR),
 }
-BASE_COLOUR: Colour = (255, 110, 95)
+BASE_COLOUR: Colour = (255, 159, 28)  # as in the page (models/report/scripts/report.js); no red ball's
 STEP_COLOURS: tuple[Colour, ...] = ((190, 150, 255), (190, 255, 90), (255, 205, 120), (120, 170, 255))
 MAX_LABELLED = 6  # most events of a clip with words on the table
 IMPULSE_M_PER_N_S = 1.0  # length of an impulse's arrow

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from models.palette import FLOOR_COLOUR
+from models.palette import FLOOR_COLOUR, Colour, ink
 from models.recording.clips import LaidClip, Review, ReviewOut, labels_of, lay_out
 from models.recording.file import whole_recording
 from models.recording.film import FILM_SCREEN, Film, draw_films
@@ -26,6 +26,7 @@ from models.recording.layers import (
     draw_models,
     draw_spin,
     magnification,
+    model_colours,
 )
 from models.recording.table import draw_table
 from models.shot import Array, Ball, Table
@@ -35,13 +36,14 @@ MAX_LEGEND = 6  # most curves that are named in a plot
 REVIEW_GUIDE = """
 * **Solid balls and dots**: measured, in the balls' own colours.
 * **Cyan rings and lines**: the model. Where ring and ball part, the model is wrong.
-* **Coral rings and lines**: the base, before effects were added. Models between the two are hidden at first: show or
+* **Orange rings and lines**: the base, before effects were added. Models between the two are hidden at first: show or
   hide any of them by its eye in the blueprint panel (button at the top right), under *model*.
 * **Orange, magenta, white points**: the model's cushion contacts, ball contacts, pots. **Arrows** there: the impulse on
   the ball, 1 m for 1 N s.
 * **Magnified misses**: from where a ball was seen towards where a model has it.
 * **Table in 3-D**: arrows on balls are the axes of their spin.
 * **Plots**: error = model - measured in mm, as distance, along x (length) and y (width); below, the model's speed.
+  Curves are in the balls' colours; distances of several models in the models' own, as their rings are.
 * **Clips** play one after another, each from a whole second: *All clips* lists them, the timeline `clip` steps by one.
 """
 
@@ -82,16 +84,18 @@ def write_review(
 
 def _plot(out: ReviewOut) -> None:
     """Curves over time: distances of every model, errors along the axes and speeds of the last one."""
-    for label in (labels := out.labels()):
+    of_model = model_colours(labels := out.labels())
+    for label in labels:
         last = label == labels[-1]
         for name in out.names(label):
             found = [(clip, *clip.errors[label][name]) for clip in out.clips if name in clip.errors.get(label, {})]
-            path, words = out.path(name), name if len(labels) == 1 else f"{name}, {label}"
-            _curve(out, f"error/distance/{out.path(label)}/{path}", words, 1.5 if last else 0.7, found, name, 0)
+            path, colour, alone = out.path(name), out.curve_colour(name), len(labels) == 1
+            words, distinct = (name, colour) if alone else (f"{name}, {label}", ink(of_model[label]))
+            _curve(out, f"error/distance/{out.path(label)}/{path}", words, 1.5 if last else 1.0, found, distinct, 0)
             if last:
-                _curve(out, f"error/x/{path}", name, 1.5, found, name, 1)
-                _curve(out, f"error/y/{path}", name, 1.5, found, name, 2)
-                _curve(out, f"speed/{path}", name, 1.5, _speeds(out.clips, label, name), name, 0)
+                _curve(out, f"error/x/{path}", name, 1.5, found, colour, 1)
+                _curve(out, f"error/y/{path}", name, 1.5, found, colour, 2)
+                _curve(out, f"speed/{path}", name, 1.5, _speeds(out.clips, label, name), colour, 0)
 
 
 _Curve = Sequence[tuple[LaidClip, Array, Array]]  # clip, time (n,) [s], values (n, k)
@@ -107,7 +111,7 @@ def _speeds(clips: Sequence[LaidClip], label: str, name: str) -> _Curve:
     ]
 
 
-def _curve(out: ReviewOut, path: str, words: str, width: float, found: _Curve, ball: str, column: int) -> None:
+def _curve(out: ReviewOut, path: str, words: str, width: float, found: _Curve, colour: Colour, column: int) -> None:
     """One curve over all clips; a NaN after each clip keeps its curve apart from the next clip's."""
     found = [one for one in found if one[1].size]
     if not found:
@@ -116,7 +120,7 @@ def _curve(out: ReviewOut, path: str, words: str, width: float, found: _Curve, b
     values = np.concatenate([np.append(value[:, column], math.nan) for *_, value in found])
     index = np.concatenate([np.full(len(time), one[0].index) for time, one in zip(times, found, strict=True)])
     rows = index, np.concatenate(times), np.ones(len(values), dtype=int)
-    out.fixed(path, out.rr.SeriesLines(colors=out.curve_colour(ball), names=words, widths=width))
+    out.fixed(path, out.rr.SeriesLines(colors=colour, names=words, widths=width))
     out.moving(path, out.rr.Scalars, {}, {"scalars": values}, rows)
 
 

@@ -64,7 +64,7 @@ def run(out: Path, progress: Progress) -> int:
     print_health(last.model)
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     viewer = as_called(f"sysid review {shlex.quote(str(out))}")
-    print(f"open {out / 'report.html'} in a browser, and the shots with: {viewer}")
+    print(f"open {out / 'report.html'} in a browser, which draws what to film next, and the shots with: {viewer}")
     return Status.DONE if found.converged else Status.FINDING
 
 

@@ -85,6 +85,8 @@ def diagnose(
         found.report(report_file, notes)
         progress.close()
         print(f"report: {report_file}")
+    elif found.next_shots:
+        print("--report FILE draws what to film next")
     return Status.DONE if seen.base.converged else Status.FINDING
 
 
@@ -141,6 +143,8 @@ def discover(
     print_health(outcome.model)
     print(f"\n{_to_paste(str(found), out)}")
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
+    if found.next_shots:
+        print(f"{out / 'report.html'} draws what to film next")
     journal.path.unlink(missing_ok=True)
     if json_file:
         write_json(json_file, json.loads((out / RESULT_FILE).read_text(encoding="utf-8")))

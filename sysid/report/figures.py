@@ -104,7 +104,7 @@ def curve_charts(unexplained: Mapping[str, Any] | None) -> list[Chart]:
         sd = np.array([math.nan if one is None else one for one in curve["sd"]])
         known = np.isfinite(sd)
         band = np.stack([at, value - 2 * sd, value, value + 2 * sd], axis=1)[known]
-        data = _band_of(band, "two standard deviations", "the curve", MODEL)
+        data = band_of(band, "two standard deviations", "the curve", MODEL)
         unit = f" [{curve['variable_unit']}]" if curve["variable_unit"] != "1" else ""
         layout = {"xaxis": axis(f"{curve['variable']}{unit}"), "yaxis": axis(curve["quantity"], zeroline=True)}
         title = f"{curve['quantity'].partition(' [')[0]} by {curve['variable']}"
@@ -179,7 +179,7 @@ def dependence_charts(comparison: Comparison) -> list[Chart]:
         least, middle, most = RAYLEIGH_QUANTILES
         low, high = ({"x": across, "y": [quantile, quantile]} for quantile in (least, most))
         data = [*_band(low, high, "perfect model: 10–90 %", PERFECT), line_at(middle, "perfect model: median", across)]
-        data += _band_of(band, "this model: 10–90 %", "this model: median", MODEL)
+        data += band_of(band, "this model: 10–90 %", "this model: median", MODEL)
         layout = {"xaxis": axis(words), "yaxis": log_axis("miss / noise [1]", *span), "showlegend": k == 0}
         found.append(Chart(f"depends-{k}", title, tuple(data), layout, 270))
     signed = _signed_chart(s, moving & np.isfinite(s.heading))
@@ -195,7 +195,7 @@ def _signed_chart(s: Samples, use: NDArray[np.bool_]) -> Chart | None:
         ("across: + model left", ACROSS_COLOUR, y * cos - x * sin),
     ):
         band = binned(s.time[use], 1e3 * value)
-        data += _band_of(band, f"{name}, 10–90 %", name, colour) if len(band) else []
+        data += band_of(band, f"{name}, 10–90 %", name, colour) if len(band) else []
     if not data:
         return None
     layout = {"xaxis": axis("time [s]"), "yaxis": axis("miss [mm]")}
@@ -211,14 +211,15 @@ def _band(low: dict[str, Any], high: dict[str, Any], name: str, colour: str) -> 
     ]
 
 
-def _band_of(band: Array, name: str, middle: str, colour: str) -> list[dict[str, Any]]:
-    """The band and median of `binned` values."""
+def band_of(band: Array, name: str, middle: str, colour: str, *, marked: bool = True) -> list[dict[str, Any]]:
+    """A band (n, 4) of x, its lower edge, its middle and its upper edge, such as `binned` gives."""
     rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     filled = f"rgba({rgb[0]},{rgb[1]},{rgb[2]},0.25)"
     low, high = ({"x": band[:, 0], "y": band[:, k]} for k in (1, 3))
     line = {
-        "type": "scatter", "mode": "lines+markers", "name": middle, "x": band[:, 0], "y": band[:, 2],
-        "line": {"color": colour, "width": 2}, "marker": {"size": 5}, "hovertemplate": "%{y:.3g}<extra></extra>",
+        "type": "scatter", "mode": "lines+markers" if marked else "lines", "name": middle, "x": band[:, 0],
+        "y": band[:, 2], "line": {"color": colour, "width": 2}, "marker": {"size": 5},
+        "hovertemplate": "%{y:.3g}<extra></extra>",
     }  # fmt: skip
     return [*_band(low, high, name, filled), line]
 

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from models.report.axes import round_down
 from models.report.chart import HELD_OUT, MODEL, Chart, axis, line_at, table_map
-from models.report.numbers import number
 from sysid.estimation.fitted import MISS_OVER_AXIS
-from sysid.report.figures import MIN_BIN_SAMPLES, Array, is_moving
-from sysid.residuals.bins import TABLE_CELLS, Variable, variables
+from sysid.report.figures import MIN_BIN_SAMPLES, Array, band_of, is_moving
+from sysid.residuals.bins import Variable, variables
 from sysid.residuals.comparison import Comparison
+from sysid.residuals.curves import Curve
 from sysid.residuals.significance import Departure
 
 CELLS_ALONG = 20  # of the map of misses, along the longer side of the table
 PLOTTED_VARIABLES = ("speed", "heading", "sidespin", "time", "time since event", "clip order")
 PHASE_COLOURS = (("rolling balls", MODEL), ("sliding balls", HELD_OUT))
-MIN_ARROW_Z = 3.0  # of a cell with an arrow: others would show the noise, often longer than what is there
-MAX_Z = 8.0  # at which the map's colours end [standard deviations]
+LACKING_COLOURS = (HELD_OUT, MODEL)  # of the first model and the last
+INTERVAL_95 = 1.96  # to either side [sd]
 
 
 def misses_map(comparison: Comparison) -> Chart | None:
@@ -62,48 +63,38 @@ def _variables(comparison: Comparison) -> tuple[Variable, ...]:
     return variables(comparison.segment_samples, comparison.clip_set.table, len(comparison.clips))
 
 
-def lacking_by_cell(comparison: Comparison) -> tuple[Array, Array, Array]:
-    """Accelerations of rolling balls that the model lacks, where they are significant, and z of all cells.
+def lacking_curve_chart(curves: Sequence[tuple[str, Curve]]) -> Chart:
+    """What one model lacks over a variable, or what several do, the first of them with its groups of residuals.
 
-    (n, 2) [m/s^2], middles of their cells (n, 2) [m], and z of every cell, NaN where too few clips cross it.
+    Args:
+        curves: (label, curve) of the same residuals, from the poorest model to the best.
     """
-    known, table = _by_group(comparison), comparison.clip_set.table
-    place = next(v for v in _variables(comparison) if v.name == "place")
-    size = np.array([table.length, table.width]) / TABLE_CELLS
-    lacking, z, centres = [], np.full(TABLE_CELLS, np.nan), []
-    for k, words in enumerate(place.words):
-        x, y = (known.get(("place", f"rolling balls {words}", f"acceleration {direction}")) for direction in "xy")
-        if x is not None and y is not None:
-            cell = divmod(k, TABLE_CELLS[1])
-            z[cell] = max(abs(x.z), abs(y.z))
-            if z[cell] >= MIN_ARROW_Z:
-                lacking.append([x.value, y.value])
-                centres.append((np.array(cell) + 0.5) * size - [table.length / 2, table.width / 2])
-    return np.array(lacking).reshape(-1, 2), np.array(centres).reshape(-1, 2), z
-
-
-def arrow_scale(lacking: Array) -> float:
-    """The acceleration that an arrow of full length stands for [m/s^2]: nine tenths of them are smaller."""
-    return (float(np.quantile(np.hypot(*lacking.T), 0.9)) if len(lacking) else 0.0) or 1.0
-
-
-def lacking_map(comparison: Comparison, name: str, title: str, full: float | None = None) -> Chart | None:
-    """Acceleration of rolling balls that the model lacks as arrows, its z as colour; None without a cell.
-
-    `full` is the acceleration of an arrow of full length [m/s^2], the same for maps to compare; by default its own.
-    """
-    lacking, centres, z = lacking_by_cell(comparison)
-    if not np.isfinite(z).any():
-        return None
-    table = comparison.clip_set.table
-    length = 0.7 * float((np.array([table.length, table.width]) / TABLE_CELLS).min())
-    full = arrow_scale(lacking) if full is None else full
-    sizes = np.hypot(*lacking.T)
-    shown = lacking * (np.minimum(1.0, 1.3 * full / np.maximum(sizes, 1e-12)) * length / full)[:, None]
-    texts = [f"{1e3 * ax:+.3g} mm/s² along x, {1e3 * ay:+.3g} along y" for ax, ay in lacking]
-    arrows = {"tails": centres - shown / 2, "heads": centres + shown / 2, "texts": texts}
-    words = f"{title}; an arrow of {length:.2g} m is {number(1e3 * full)} mm/s²" if len(lacking) else title
-    return table_map(name, words, table, z, MAX_Z, "z [standard deviations]", arrows)
+    one = curves[0][1]
+    unit, times = ("mm/s²", 1e3) if one.of == "motion" else ("% of the approach", 100.0)
+    data: list[dict[str, Any]] = []
+    for (name, curve), colour in zip(curves, LACKING_COLOURS[-len(curves) :], strict=True):
+        low, high = times * (curve.value - INTERVAL_95 * curve.sd), times * (curve.value + INTERVAL_95 * curve.sd)
+        band = np.column_stack([curve.at, low, times * curve.value, high])
+        data += [
+            {**trace, "showlegend": "name" in trace and trace["name"] == name}
+            for trace in band_of(band, "95 %", name, colour, marked=False)
+        ]
+        at, value, sd = curve.data.T
+        bars = INTERVAL_95 * times * sd
+        data.append({
+            "type": "scatter", "mode": "markers", "showlegend": False, "x": at, "y": times * value,
+            "error_y": {"type": "data", "array": bars, "color": colour, "thickness": 1.4, "width": 3},
+            "marker": {"color": colour, "size": 7}, "hovertemplate": "%{y:.3g}<extra></extra>",
+        })  # fmt: skip
+    what = "acceleration" if one.of == "motion" else "velocity"
+    sense = "to the left" if "across" in one.quantity else "faster"
+    title = f"{one.name[0].upper()}{one.name[1:]}: missing {one.quantity}, by {one.variable}"
+    layout = {
+        "xaxis": axis(f"{one.variable} [{one.unit}]", zeroline=False),
+        "yaxis": axis(f"missing {what}, + is {sense} [{unit}]", zeroline=True),
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "traceorder": "normal"},
+    }
+    return Chart("lacking-most-" + one.of, title, tuple(data), layout, 360)
 
 
 def lacking_charts(comparison: Comparison) -> list[Chart]:

@@ -108,13 +108,9 @@ def shot_lines(shots: Sequence[NextShot]) -> list[str]:
     """The next shots in words, and what they leave in doubt."""
     lines: list[str] = []
     for number, shot in enumerate(shots):
-        c = shot.cue
-        other = f", another at {shot.other[0]:.3f}, {shot.other[1]:.3f} m" if shot.other else ""
         lines += [
             f"{'then' if number else 'next shot'} ({shot.why}):",
-            f"  ball at x = {shot.place[0]:.3f}, y = {shot.place[1]:.3f} m{other}; speed {c.speed:.2f} m/s,"
-            f" azimuth {c.azimuth:.3f} rad, side {c.side * 1e3:+.1f} mm, height {c.height * 1e3:+.1f} mm:"
-            f" {shot.sigmas:.0f} standard deviations apart",
+            f"  {shot.in_words()}: {shot.sigmas:.0f} standard deviations apart",
         ]
     if shots:
         count = "this shot" if len(shots) == 1 else f"these {len(shots)} shots"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from models.model_file import Estimate, Model
-from models.report.chart import Chart, embedded, shortened
+from models.report.chart import Chart, embedded
 from models.report.numbers import NO_VALUE, millimetres, number, value_with_sd
 from models.report.page import write_page
 from sysid.report.figures import (
@@ -27,14 +27,17 @@ from sysid.report.figures import (
     shots_chart,
     white_chart,
 )
-from sysid.report.figures_where import arrow_scale, lacking_by_cell, lacking_charts, lacking_map, misses_map
+from sysid.report.figures_where import lacking_charts, misses_map
 from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
+from sysid.report.first_figures import first_figures
 from sysid.report.health import INTERVAL_SDS, health, health_lines
 from sysid.report.player import playback
+from sysid.report.shot_picture import shot_pictures
 from sysid.report.text import in_words
 from sysid.report.typical import TYPICAL_RANGES
 from sysid.report.verdict import Verdict
 from sysid.residuals.comparison import Comparison, Group
+from sysid.selection.next_shot import NextShot
 from sysid.selection.screening import Screening
 
 __all__ = ["Rung", "write_report"]
@@ -52,7 +55,6 @@ GROUP_TITLES = {
 }
 MIN_BAR_RATIO = 0.5  # residual over noise at which a bar begins
 MIN_FULL_BAR_RATIO = 2.0  # residual over noise that a full bar stands for, at least
-MAX_LABEL_CHARS = 40  # of a model above a map
 STRIP_MARGIN = 0.08  # of a strip's width, on either side of what it shows
 
 
@@ -66,6 +68,7 @@ def write_report(
     rounds: Sequence[Screening] = (),
     verdict: Verdict | None = None,
     unexplained: Mapping[str, Any] | None = None,
+    next_shots: Sequence[NextShot] = (),
 ) -> None:
     """Write one HTML file, whole or not at all; the last comparison is drawn in full.
 
@@ -78,6 +81,7 @@ def write_report(
         rounds: of candidates for what is missing.
         verdict: of a discovery.
         unexplained: what no effect explains, as result.json has it.
+        next_shots: to film, which are drawn as the last model plays them.
 
     Raises:
         BadInput: the file cannot be written there.
@@ -94,6 +98,8 @@ def write_report(
             "constants": _constants(last.model),
             "health_notes": [] if health(last.model) else health_lines(last.model),
         }  # fmt: skip
+    first = first_figures(comparisons)
+    charts["first"] = [chart for figure in first for chart in figure.charts]
     player = playback(comparisons)
     drawn = [chart.to_json() for part in charts.values() for chart in part]
     write_page(
@@ -108,6 +114,8 @@ def write_report(
         ladder_rows=_ladder_rows(comparisons, rungs),
         rounds=[_round(number, seen) for number, seen in enumerate(rounds, 1)],
         charts=charts,
+        first_figures=first,
+        next_shots=shot_pictures(next_shots, last.model) if last else [],
         figures=embedded({"charts": drawn, "player": player}) if drawn or player else "",
         player=player,
         **values,
@@ -115,22 +123,9 @@ def write_report(
 
 
 def _charts(comparisons: Sequence[tuple[str, Comparison]], last: Comparison) -> dict[str, list[Chart]]:
-    """All figures but the ladder, by their sections."""
-    several = len(comparisons) > 1
-    maps: list[Chart | None]
-    if several:
-        first = comparisons[0][1]
-        lacking, _, _ = lacking_by_cell(first)
-        full = arrow_scale(lacking) if len(lacking) else None  # the last model's own where the first lacks nothing
-        names = [shortened(name, MAX_LABEL_CHARS) for name, _ in (comparisons[0], comparisons[-1])]
-        maps = [
-            lacking_map(first, "before", f"Before: {names[0]}", full),
-            lacking_map(last, "after", f"After: {names[1]}", full),
-        ]
-    else:
-        maps = [lacking_map(last, "after", "Rolling balls")]
+    """The figures of the last comparison and of shots, by their sections."""
     parts: dict[str, list[Chart | None]] = {
-        "maps": maps, "shots": [shots_chart(comparisons)], "misses": [misses_map(last)],
+        "shots": [shots_chart(comparisons)], "misses": [misses_map(last)],
         "dependence": [*dependence_charts(last)], "lacking": [*lacking_charts(last)],
         "noise": [white_chart(last), segments_chart(last)],
     }  # fmt: skip
@@ -220,7 +215,11 @@ def _groups(where: Sequence[Group]) -> list[dict[str, object]]:
 
 
 def _round(number: int, seen: Screening) -> dict[str, object]:
-    """A round of candidates; each row has the length of a bar for delta BIC, logarithmic, in per cent."""
+    """A round of candidates; each row has the length of a bar for delta BIC, from zero and to scale, in per cent.
+
+    Delta BIC is twice a log likelihood, and so a logarithm already: what compares two candidates is their difference.
+    A logarithmic bar would show 82 as half of 13,948, where the odds between the two are beyond all doubt.
+    """
     heads, *rows = round_rows(seen)
     delta_bic = [max(float(row[1]), 0.0) for row in rows]
     top = max([1.0, *delta_bic])
@@ -229,7 +228,7 @@ def _round(number: int, seen: Screening) -> dict[str, object]:
         "windows": seen.windows,
         "effects": ", ".join(e.name() for e in seen.base.model.effects) or "nothing",
         "heads": heads,
-        "rows": [(row, 100 * math.log1p(v) / math.log1p(top)) for row, v in zip(rows, delta_bic, strict=True)],
+        "rows": [(row, 100 * v / top) for row, v in zip(rows, delta_bic, strict=True)],
         "lines": [*([] if seen.best else [NOTHING_MISSING]), *confounded_lines(seen)],
     }
 

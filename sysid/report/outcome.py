@@ -78,7 +78,7 @@ def write_discovery(
         said = replace(said, certainty=f"{said.certainty}; {doubt}")
     write_report(
         path, title, compared, notes=notes, ladder=ladder, rounds=found.rounds, verdict=said,
-        unexplained=found.unexplained,
+        unexplained=found.unexplained, next_shots=found.next_shots,
     )  # fmt: skip
 
 

@@ -157,9 +157,5 @@ def _next_step(found: DiscoveryResult) -> str:
         return f"add what is outside the catalogue as an effect: {NEW_EFFECT_COMMAND}"
     shot = found.next_shot
     if shot is not None:
-        cue, (x, y) = shot.cue, shot.place
-        return (
-            f"film the ball from x = {x:.2f}, y = {y:.2f} m at {cue.speed:.2f} m/s, azimuth {cue.azimuth:.2f} rad"
-            f"{' at another' if shot.other else ''}: {shot.why}"
-        )
+        return f"film {shot.in_words()}: {shot.why}"
     return "plan shots in this model; film more clips to see what these do not show"

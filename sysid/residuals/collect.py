@@ -17,7 +17,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.shot_problem import ShotProblem, residual
 from sysid.residuals.samples import Samples
-from sysid.residuals.segment_fits import SegmentFits
+from sysid.residuals.segment_fits import SegmentFits, sidespin
 
 MIN_SLIP_M_S = 0.01  # slip speed above which a ball slides
 REST_SPEED_M_S = 0.003  # below which it rests
@@ -98,11 +98,6 @@ def _parts_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Iterator[S
             np.hypot(*v.T), np.arctan2(v[:, 1], v[:, 0]), sidespin(shot, b, s.time), _words(motion), (s.before,) * n,
             np.full(n, events), np.full(n, np.nan), slip, (s.rail,) * n, s.time - s.time[0], np.full(n, k),
         )  # fmt: skip
-
-
-def sidespin(track: Track, ball: int, time: Array) -> Array:
-    """Of a ball at times of a track [rad/s]."""
-    return np.interp(time, track.times, np.nan_to_num(track.spin[:, ball, 2]))
 
 
 def joined(parts: Iterable[Samples], most: int = 0) -> Samples:

@@ -27,8 +27,8 @@ from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import Segment
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem
-from sysid.residuals.collect import MIN_SLIP_M_S, motions, sidespin
-from sysid.residuals.segment_fits import SegmentFits
+from sysid.residuals.collect import MIN_SLIP_M_S, motions
+from sysid.residuals.segment_fits import SegmentFits, sidespin
 
 COMPARED_SAMPLE = 2  # of the next segment, at which velocities are compared: an event may be seen a frame early
 MIN_SEGMENT_SAMPLES = 8  # that determine a velocity

@@ -209,7 +209,7 @@ def velocities_after(impacts: Impacts, table: Table, clips: int) -> Candidates |
                 int(inside.sum()), velocity_sentence(who, quantity, " for each m/s of approach"),
                 sparse(_of_axis(ramp, i)),
             ))  # fmt: skip
-    residual = (_clipped_jumps(impacts, sd) / sd).T.ravel()
+    residual = (clipped_jumps(impacts) / sd).T.ravel()
     return Candidates("impacts", tuple(found), residual, np.tile(impacts.clip, 2).astype(np.int64), 2 * n)
 
 
@@ -219,9 +219,10 @@ def _of_axis(values: Array, axis: int) -> Array:
     return np.concatenate([values, none] if axis == 0 else [none, values])
 
 
-def _clipped_jumps(impacts: Impacts, sd: Array) -> Array:
+def clipped_jumps(impacts: Impacts) -> Array:
     """Jumps of the impacts (n, 2), outliers of each kind clipped."""
     value, kind = impacts.jump.copy(), np.array(impacts.kind)
+    sd = np.hypot(impacts.sd, STATE_ERROR)[:, None] * np.ones((1, 2))
     for name in IMPACT_KINDS:
         rows = np.flatnonzero(kind == name)
         if rows.size:

@@ -5,6 +5,7 @@ In: a clip set, a model and the noise of the camera. Out: a `SegmentFits`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -64,8 +65,21 @@ class SegmentFits:
         return np.sqrt(np.column_stack([at_start, at_end]) / 2)
 
 
-def fit_segments(clip_set: ClipSet, model: Model, sigma: float) -> SegmentFits | None:
-    """Fit the initial state of every segment at the model's constants; None without segments."""
+def sidespin(track: Track, ball: int, time: Array) -> Array:
+    """Of a ball at times of a track [rad/s]."""
+    return np.interp(time, track.times, np.nan_to_num(track.spin[:, ball, 2]))
+
+
+def fit_segments(clip_set: ClipSet, model: Model, sigma: float, shots: Sequence[Track]) -> SegmentFits | None:
+    """Fit the initial state of every segment at the model's constants; None without segments.
+
+    Args:
+        clip_set: what was measured.
+        model: its constants are held.
+        sigma: noise of positions per axis [m].
+        shots: the whole shots of the model, whose sidespins are among those with which fits begin: a segment that
+            began with another one would end at another optimum.
+    """
     segments = split_all(clip_set.clips, clip_set.table, clip_set.ball, sigma, clip_set.fps)
     if not segments:
         return None
@@ -73,9 +87,11 @@ def fit_segments(clip_set: ClipSet, model: Model, sigma: float) -> SegmentFits |
     problem = segment_problem(model, names, segments, sigma)
     c = values_of(model, names)
     # A ball that slides is not found from one that rolls: its first samples would count as outliers.
-    fits = [
-        fit_each(problem.objective(START_CAUCHY_SD), problem.spinning(roll), c, MAX_FIT_STEPS) for roll in START_ROLLS
-    ]
+    balls = [shots[s.clip].names.index(s.ball) for s in segments]
+    spins = [sidespin(shots[s.clip], ball, s.time[:1])[0] for s, ball in zip(segments, balls, strict=True)]
+    starts = [problem.spinning(roll) for roll in START_ROLLS]
+    starts += [np.column_stack([start[:, :6], clip_set.ball.radius * np.array(spins)]) for start in starts]
+    fits = [fit_each(problem.objective(START_CAUCHY_SD), start, c, MAX_FIT_STEPS) for start in starts]
     best = np.argmin([cost for _, cost in fits], axis=0)
     x = np.array([fits[k][0][row] for row, k in enumerate(best)])
     return SegmentFits(problem, x, ratios(problem, x, c))

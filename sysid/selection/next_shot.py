@@ -60,6 +60,25 @@ class NextShot:
     why: str
     doubt: float  # at most the chance to be wrong between any of the models, after it and those before
 
+    def shot(self, radius: float) -> Shot:
+        """As it is commanded, of balls of a radius [m], for SHOT_DURATION_S."""
+        return _commanded(self.cue, np.array(self.place), None if self.other is None else np.array(self.other), radius)
+
+    def in_words(self) -> str:
+        """What to lay and to strike; places from the table's middle, x along it, azimuths from +x towards +y."""
+        c, (x, y) = self.cue, self.place
+        red = f", a red at x = {self.other[0]:.3f}, y = {self.other[1]:.3f} m" if self.other else ""
+        tip = [
+            f"{1e3 * abs(value):.0f} mm {words[value > 0]}"
+            for value, words in ((c.side, ("left of", "right of")), (c.height, ("below", "above")))
+            if round(1e3 * abs(value)) > 0
+        ]
+        offset = f"{' and '.join(tip)} the middle" if tip else "in the middle"
+        return (
+            f"the cue ball at x = {x:.3f}, y = {y:.3f} m{red}; strike the cue ball {offset}, "
+            f"to {c.speed:.2f} m/s, azimuth {c.azimuth:.3f} rad ({np.degrees(c.azimuth):.1f} degrees)"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """As result.json has it."""
         return {
@@ -180,21 +199,30 @@ def _planned_shots(model: Model, seed: int) -> list[_PlannedShot]:
     plan = low + unit * (high - low)
     plan[:, 2:4] *= np.minimum(1.0, offset / np.maximum(np.hypot(plan[:, 2], plan[:, 3]), 1e-9))[:, None]
     plan[::2, 2] = 0.0  # half of them without side
-    times = np.arange(0, SHOT_DURATION_S, 1 / CAMERA_FPS)
     planned = []
     for number, (speed, azimuth, side, height, x, y, distance, cut) in enumerate(plan.tolist()):
-        q, lever = turn(azimuth), 2.5 * speed / radius**2
-        ball = np.array([x, y]) + q @ np.array([distance, 2 * radius * cut])
+        ball = np.array([x, y]) + turn(azimuth) @ np.array([distance, 2 * radius * cut])
         pair = number % 3 == 0 and bool(np.all(np.abs(ball) < room + 2 * radius))
-        names = ("cue", "red") if pair else ("cue",)
-        n = len(names)
-        places, velocity, spins = np.array([[x, y], ball])[:n], np.zeros((n, 2)), np.zeros((n, 3))
-        velocity[0] = q @ np.array([speed, 0.0])
-        spins[0] = np.array([*(q @ np.array([0.0, lever * height])), lever * side])
-        shot = Shot(names, places, velocity, spins, times)
+        cue = CueCommand(speed, azimuth, side, height)
+        shot = _commanded(cue, np.array([x, y]), ball if pair else None, radius)
         other = (float(f"{ball[0]:.3f}"), float(f"{ball[1]:.3f}")) if pair else None
-        planned.append(_PlannedShot(shot, CueCommand(speed, azimuth, side, height), other))
+        planned.append(_PlannedShot(shot, cue, other))
     return planned
+
+
+def _commanded(cue: CueCommand, place: Array, other: Array | None, radius: float) -> Shot:
+    """A stroke at a ball at a place (2,) as it is commanded, and another ball to be hit (2,), if any."""
+    q, lever = turn(cue.azimuth), 2.5 * cue.speed / radius**2
+    names = ("cue",) if other is None else ("cue", "red")
+    n = len(names)
+    places, velocity, spins = (
+        np.array([place, place if other is None else other])[:n],
+        np.zeros((n, 2)),
+        np.zeros((n, 3)),
+    )
+    velocity[0] = q @ np.array([cue.speed, 0.0])
+    spins[0] = np.array([*(q @ np.array([0.0, lever * cue.height])), lever * cue.side])
+    return Shot(names, places, velocity, spins, np.arange(0, SHOT_DURATION_S, 1 / CAMERA_FPS))
 
 
 def _clip_of(plan: _PlannedShot, track: Track) -> Clip:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.model_file import full_model
 from models.shot import Ball, Table, Track
@@ -18,6 +21,8 @@ from sysid.residuals.whiteness import whiteness
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 NOISE = 0.0005  # of positions, per axis [m]
+FPS, SECONDS, SLOWING = 120.0, 2.0, 0.12  # of balls that roll straight on
+Array = NDArray[np.float64]
 
 
 def comparison(count: int = 3, size: float = 0.002, file: str = "clips/{}.csv") -> Comparison:
@@ -64,3 +69,29 @@ def comparison(count: int = 3, size: float = 0.002, file: str = "clips/{}.csv") 
         initial_states=np.zeros((count, 7)), segment_samples=samples, impacts=no_impacts(),
         local=find(samples, samples, no_impacts(), TABLE, count, NOISE, 1.0), white=whiteness(samples, NOISE),
     )  # fmt: skip
+
+
+def rolled(lacks: Callable[[Array, Array, Array], Array], balls: int = 60, seed: int = 3) -> Comparison:
+    """Balls that roll straight on every way, and lack an acceleration by place, direction (n, 2) and speed (n,)."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, SECONDS, 1 / FPS)
+    n, parts = len(time), []
+    for k in range(balls):
+        speed, heading = rng.uniform(0.3, 1.2), rng.uniform(-np.pi, np.pi)
+        way = np.array([np.cos(heading), np.sin(heading)])
+        start = rng.uniform(-0.42, 0.42, 2) * (TABLE.length, TABLE.width) - 0.3 * speed * way
+        fast = np.maximum(speed - SLOWING * time, 0.05)
+        xy = start + np.outer(np.cumsum(fast) / FPS, way)
+        acceleration = lacks(xy, np.tile(way, (n, 1)), fast)
+        missed = np.cumsum(np.cumsum(acceleration, axis=0), axis=0) / FPS**2
+        seen = missed + rng.normal(0.0, NOISE, (n, 2))
+        parts.append((k, time, xy, -seen, fast, np.full(n, heading)))
+    clip = np.repeat(np.arange(balls), n)
+    times, xy, residual, fast, heading_ = (np.concatenate([part[j] for part in parts]) for j in range(1, 6))
+    count = len(clip)
+    zero = np.zeros(count)
+    samples = Samples(
+        clip, ("cue",) * count, np.ones(count, bool), times, xy, residual, fast, heading_, zero, ("roll",) * count,
+        ("strike",) * count, np.zeros(count, np.int64), np.full(count, np.nan), zero, ("",) * count, times, clip,
+    )  # fmt: skip
+    return dataclasses.replace(comparison(0), segment_samples=samples, tracks=())

@@ -221,6 +221,11 @@ def test_every_model_of_a_ladder_has_paths_of_its_own(ladder: tuple[Path, dict[s
         assert f"/space/model/{part}/path/red" in ladder[1]
         sizes = np.array(column(ladder[1][f"/error/distance/{part}/cue"], "Scalars:scalars"), dtype=float)
         assert np.nanmedian(sizes) == pytest.approx(5.0 * more, abs=1e-3)
+    colours = [
+        str(column(ladder[1][f"/error/distance/{part}/cue"], "SeriesLines:colors")[0])
+        for part in ("base", "base\\ \\+\\ one\\ \\+\\ two")
+    ]
+    assert colours[0] != colours[1], "the curves of one ball are told apart"
     along_x = np.array(column(ladder[1]["/error/x/cue"], "Scalars:scalars"), dtype=float)
     assert np.nanmedian(along_x) == pytest.approx(3.0, abs=1e-3), "of the last model alone"
     page = column(ladder[1]["/text/clip"], "TextDocument:text")[0][0]

@@ -7,20 +7,29 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from models.errors import BadInput
 from models.model_file import Estimate
+from sysid.clips import CueCommand
+from sysid.report.cloth_picture import cloth_pictures
 from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart
 from sysid.report.figures_where import misses_map
 from sysid.report.html import write_report
 from sysid.report.player import MAX_POINTS, NO_BALL, playback
 from sysid.report.verdict import Verdict
+from sysid.residuals.cloth_field import ClothField
 from sysid.residuals.comparison import Comparison
+from sysid.residuals.curves import Rails
+from sysid.residuals.lacking import Lacking
 from sysid.residuals.samples import Samples
-from tests.support.comparison_samples import NOISE, comparison
+from sysid.residuals.smooth import Explanation
+from sysid.selection.next_shot import NextShot
+from tests.support.comparison_samples import NOISE, TABLE, comparison, rolled
 from tests.support.html_pages import STRANGE, Page
 
 UNIT = re.compile(r"\[[^]]+\]")
@@ -51,7 +60,10 @@ def test_page_is_whole_and_self_contained(tmp_path: Path) -> None:
     charts = seen.figures()["charts"]
     names = [chart["name"] for chart in charts]
     assert len(names) == len(set(names)) > 8
-    assert {"ladder", "shots", "before", "after", "misses", "signed", "white", "segments"} <= set(names)
+    assert {"ladder", "shots", "misses", "signed", "white", "segments"} <= set(names)
+    assert text.count('<svg class="cloth"') == 2, "before and after"
+    ids = [attrs["id"] for _, attrs in seen.seen if "id" in attrs]
+    assert len(ids) == len(set(ids))
     assert {f"chart-{name}" for name in names} <= {attrs.get("id") for _, attrs in seen.seen}
     for chart in charts:
         assert chart["title"]
@@ -247,3 +259,103 @@ def test_many_samples_stay_small(tmp_path: Path) -> None:
     assert len(many.time) > 50_000
     text, _ = page(tmp_path, [("a", dataclasses.replace(found, samples=many))])
     assert len(text) < 3_000_000
+
+
+def field(push: Sequence[float], change: float = 0.0, sd: float = 0.0005) -> Explanation[ClothField]:
+    """A cloth that pushes alike everywhere, and slows in one cell."""
+    slower = np.zeros((16, 8))
+    slower[11, 5] = change
+    spread = np.full((16, 8), sd)
+    seen = np.ones((16, 8), dtype=bool)
+    seen[:2] = False
+    x, y = np.linspace(-1.7, 1.7, 16), np.linspace(-0.8, 0.8, 8)
+    found = ClothField(x, y, np.tile(push, (16, 8, 1)), spread, (0.0, sd), slower, spread, seen)
+    return Explanation(found, 50.0, np.zeros(0))
+
+
+def test_a_tilt_is_drawn_as_one_before_and_not_after() -> None:
+    before, after = Lacking(field([0.005, -0.011]), None, ()), Lacking(field([1e-5, 0.0]), None, ())
+    pictures = cloth_pictures([("before", before), ("after", after)], TABLE)
+    arrows = pictures[0].arrows
+    assert len(arrows) == 32 and not pictures[1].arrows
+    ways = {(round(a["x2"] - a["x1"], 6), round(a["y2"] - a["y1"], 6)) for a in arrows}
+    assert len(ways) == 1 and next(iter(ways))[0] > 0 and next(iter(ways))[1] > 0, "alike; to +x and -y, down the page"
+    assert {a["opacity"] for a in arrows} == {1.0, 0.35}, "pale where no ball rolled"
+    assert pictures[0].legend == pictures[1].legend
+    assert pictures[0].legend[0] == ("arrows", "10 mm/s², as on a slope of 1.4 mm in a metre")
+    assert not pictures[0].colours and len(pictures[0].hatched) == 16
+
+
+def test_a_patch_is_coloured_and_small_pushes_stay_small() -> None:
+    seen = Lacking(field([0.002, 0.0], change=-0.1), None, ())
+    picture = cloth_pictures([("base", seen)], TABLE)[0]
+    assert [one["slower"] for one in picture.colours] == [True]
+    assert not picture.arrows, "shorter than can be seen on the scale of the patch"
+    assert picture.legend[:2] == (
+        ("arrows", "100 mm/s², as on a slope of 14 mm in a metre"), ("colours", "100 mm/s²"),
+    )  # fmt: skip
+
+
+def test_nothing_is_drawn_on_the_scale_of_a_good_table() -> None:
+    rails = Explanation(Rails(("+x", "-y"), np.array([0.001, -0.002]), np.array([0.002, 0.002])), -1.0, np.zeros(0))
+    picture = cloth_pictures([("base", Lacking(field([0.0, 0.0]), rails, ()))], TABLE)[0]
+    assert not picture.arrows and not picture.colours
+    assert [bar["kind"] for bar in picture.bars] == ["same", "same"]
+    assert max(abs(bar["length"]) for bar in picture.bars) < 2, "bars of cushions that are as modelled are short"
+    assert dict(picture.legend)["arrows"].startswith("2 mm/s²")
+
+
+def test_a_rail_that_differs_has_a_bar_with_a_whisker() -> None:
+    rails = Explanation(Rails(("+x", "-y"), np.array([0.001, -0.13]), np.array([0.002, 0.004])), 9.0, np.zeros(0))
+    picture = cloth_pictures([("base", Lacking(field([0.0, 0.0]), rails, ()))], TABLE)[0]
+    same, slower = picture.bars
+    assert same["kind"] == "same" and slower["kind"] == "slower"
+    assert slower["words"] == "\N{MINUS SIGN}13.00 ± 0.40 %"
+    assert slower["low"] < slower["length"] < slower["high"] < 0
+
+
+def test_what_explains_most_comes_first(tmp_path: Path) -> None:
+    before, after = (
+        rolled(lambda xy, way, speed, size=size: size * (speed - 0.6)[:, None] * way) for size in (-0.04, 0.0)
+    )
+    text, seen = page(tmp_path, [("plain", before), ("with drag", after)])
+    curve, cloth = text.index('id="chart-lacking-most-motion"'), text.index('<svg class="cloth"')
+    assert curve < cloth < text.index('class="cards"')
+    chart = next(one for one in seen.figures()["charts"] if one["name"] == "lacking-most-motion")
+    assert "by speed" in chart["title"]
+    named = [trace["name"] for trace in chart["data"] if trace.get("showlegend")]
+    assert named == ["Before: plain", "After: with drag"]
+
+
+def test_the_next_shots_are_drawn_with_both_balls(tmp_path: Path) -> None:
+    why = "to separate table_tilt from cloth_nap"
+    shot = NextShot(CueCommand(1.5, 0.1, 0.003), (-1.0, 0.2), (0.0, 0.3), 9.0, why, 0.2)
+    alone = NextShot(CueCommand(1.5, -1.0), (-1.0, 0.2), None, 5.0, why, 0.01)
+    text, _ = page(tmp_path, [("base", comparison())], next_shots=[shot, alone])
+    pictures = re.findall(r'<svg class="cloth shot".*?</svg>', text, re.DOTALL)
+    assert [picture.count("<polyline") for picture in pictures] == [2, 1]
+    assert ">cue ball<" in pictures[0] and ">red<" in pictures[0] and ">red<" not in pictures[1]
+    assert f"Shot 1 of 2: {why}" in text
+    assert (
+        "Lay the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m; strike the cue ball 3 mm right"
+        in text
+    )
+
+
+def test_bars_of_evidence_are_as_long_as_the_evidence(tmp_path: Path) -> None:
+    """82 is no half of 13,948."""
+    fits = [
+        SimpleNamespace(
+            name=name, evidence=SimpleNamespace(delta_bic=value), fitted=SimpleNamespace(miss=1e-3, held_miss=1e-3),
+            converged=True,
+        )
+        for name, value in (("table_tilt", 13948.0), ("worn_patch", 82.0), ("air_drag", -3.0))
+    ]  # fmt: skip
+    base = SimpleNamespace(model=comparison(0).model)
+    scores, none = SimpleNamespace(rows=()), ()
+    seen: Any = SimpleNamespace(
+        fits=fits, scores=scores, windows=0, base=base, best=fits[0], confounded=none, tied=none, count=100
+    )  # fmt: skip
+    text, _ = page(tmp_path, [("base", comparison(0))], rounds=[seen])
+    lengths = [float(v) for v in re.findall(r'class="bar"><i style="width:([\d.]+)%', text)]
+    assert lengths == pytest.approx([100.0, 100 * 82 / 13948, 0.0], abs=0.05)

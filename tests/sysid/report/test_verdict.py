@@ -51,7 +51,9 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert size.endswith("noise alone leaves 0.707 mm")
     told = "table_tilt has a delta BIC of 5120, 1800 more than the next, and is found in 97 of 100 draws of the clips"
     assert certainty == f"certainty: {told}"
-    assert step.startswith("next: film the ball from x = -1.00, y = 0.20 m at 2.00 m/s, azimuth 0.50 rad at another:")
+    balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
+    stroke = "strike the cue ball in the middle, to 2.00 m/s, azimuth 0.500 rad (28.6 degrees)"
+    assert step.startswith(f"next: film {balls}; {stroke}:")
     assert step.endswith("to separate table_tilt from cloth_nap")
 
 
