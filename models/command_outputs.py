@@ -170,5 +170,5 @@ def _check_beside(param: click.Parameter, path: Path, read: set[str]) -> None:
     kinds = [suffix for name in named.split("|") if (suffix := Path(name).suffix)]
     if kinds and path.suffix.lower() not in kinds:
         kind = " or ".join(kinds)
-        text = f"{param.opts[0]} {path}: is there already and its name does not end in {kind}; name another file"
+        text = f"{param.opts[0]} {path}: already exists and its name does not end in {kind}; name another file"
         raise BadInput(text)

@@ -160,7 +160,7 @@ def write(name: str, folder: Path | str, source: str | None = None) -> tuple[Pat
     effect, test = folder / f"{name}.py", folder / f"test_{name}.py"
     for path in (effect, test):
         if path.exists() or path.is_symlink():
-            raise BadInput(f"{path}: is there already; choose another name or folder")
+            raise BadInput(f"{path}: already exists; choose another name or folder")
     if folder.exists() and not folder.is_dir():
         raise BadInput(f"{folder}: is no folder; name one")
     title = name.replace("_", " ").capitalize()

@@ -80,7 +80,7 @@ def check_file(path: Path, origin: Origin) -> None:
     with contextlib.suppress(OSError):
         if origin_of(path.read_bytes()) == origin:
             return
-    raise BadInput(f"{path}: is there already, and not made by this command from the same input; {REMEDY}")
+    raise BadInput(f"{path}: already exists and was not made by this command from the same input; {REMEDY}")
 
 
 def check_folder(folder: Path, writes: Sequence[str], origin: Origin) -> None:

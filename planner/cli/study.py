@@ -151,7 +151,7 @@ def _write_scene(out: Path, number: str, path: Path) -> int:
     with contextlib.suppress(BadInput):
         same = same or scene_dict(read_scene(path)) == scene_dict(asked)
     if not same:
-        raise BadInput(f"{path}: is there already and holds something else; name another file")
+        raise BadInput(f"{path}: already exists and holds something else; name another file")
     write_scene(asked, path)
     print(f"scene: {path}" + ("" if stroke else " (no stroke was found for it)"))
     return Status.DONE

@@ -77,7 +77,7 @@ def test_a_result_is_replaced_by_the_same_command_alone(place: Path, capsys: pyt
     other = ["add", "table_tilt", "--model", "model.toml", "--out", "new.toml"]
     capsys.readouterr()
     assert sysid.cli.main(other) == 2
-    assert capsys.readouterr().err == f"sysid add: new.toml: is there already, and {REFUSED}"
+    assert capsys.readouterr().err == f"sysid add: new.toml: already exists and {REFUSED}"
     assert Path("new.toml").read_bytes() == first
     Path("new.toml").write_bytes(first.replace(b"format", b"# a remark of mine\nformat"))
     assert sysid.cli.main(words) == 2, "changed by hand"
@@ -126,7 +126,7 @@ def test_what_is_drawn_replaces_its_own_kind_and_no_input(place: Path, capsys: p
 def test_a_scene_of_a_study_replaces_no_other(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["study", "--out", "study", "--scene", "1"]
     assert planner.cli.main([*words, "scene.toml"]) == 2
-    assert "scene.toml: is there already and holds something else" in capsys.readouterr().err
+    assert "scene.toml: already exists and holds something else" in capsys.readouterr().err
     assert planner.cli.main([*words, "new.toml"]) == 0 and planner.cli.main([*words, "new.toml"]) == 0
 
 

@@ -102,9 +102,9 @@ def test_bad_names_are_refused(name: str, says: str) -> None:
 
 def test_nothing_is_overwritten(own: Path, tmp_path: Path) -> None:
     before = (own / "felt_wear.py").read_bytes()
-    assert "is there already" in refusal(lambda: write("felt_wear", own))
+    assert "already exists" in refusal(lambda: write("felt_wear", own))
     (own / "felt_wear.py").unlink()
-    assert "test_felt_wear.py: is there already" in refusal(lambda: write("felt_wear", own))
+    assert "test_felt_wear.py: already exists" in refusal(lambda: write("felt_wear", own))
     assert not (own / "felt_wear.py").exists()
     (tmp_path / "file").write_bytes(before)
     assert "is no folder" in refusal(lambda: write("other", tmp_path / "file"))
@@ -116,7 +116,7 @@ def test_the_verb(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, out, err = said(capsys, "new-effect", "felt_wear", "--dir", folder)
     assert (status, err) == (0, "") and "felt_wear.py" in out and "test_felt_wear.py" in out
     assert sorted(p.name for p in folder.iterdir()) == ["felt_wear.py", "test_felt_wear.py"]
-    assert "is there already" in refused(capsys, "new-effect", "felt_wear", "--dir", folder)
+    assert "already exists" in refused(capsys, "new-effect", "felt_wear", "--dir", folder)
     assert "such as felt_wear" in refused(capsys, "new-effect", "FeltWear", "--dir", folder)
 
 
