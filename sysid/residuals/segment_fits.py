@@ -23,7 +23,7 @@ from sysid.estimation.solver.least_squares import fit_each
 from sysid.estimation.state_search import state_information
 
 MAX_FIT_STEPS = 10
-START_ROLLS = (1.0, 0.0)  # spin with which fits of a segment begin, of natural roll
+START_ROLLS = (1.0, 0.0)  # start values of a segment's spin, over natural roll
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SegmentFits:
 
     @property
     def good(self) -> NDArray[np.bool_]:
-        """(n,) Those without an unseen event."""
+        """Which segments contain no undetected event: (n,)."""
         return np.asarray(self.ratio < UNSEEN_EVENT_RATIO)
 
     @cached_property
@@ -47,9 +47,9 @@ class SegmentFits:
 
     @cached_property
     def velocity_sds(self) -> Array:
-        """(n, 2) Standard deviation an axis of the velocity with which each begins and ends [m/s].
+        """Standard deviations per axis of the velocities at the beginning and end of each segment: (n, 2) [m/s].
 
-        From the information on its initial state, what is known beside its samples with it.
+        They follow from the information on the initial state, including its prior.
         """
         p, x = self.problem, self.initial_states
         c, every = values_of(p.model, p.names), np.arange(len(x))
@@ -72,7 +72,7 @@ def fit_segments(clip_set: ClipSet, model: Model, sigma: float) -> SegmentFits |
     names = cloth_constants(model)
     problem = segment_problem(model, names, segments, sigma)
     c = values_of(model, names)
-    # A ball that slides is not found from one that rolls: its first samples would count as outliers.
+    # A fit that starts with a rolling ball does not find a sliding one: its first samples would count as outliers.
     fits = [
         fit_each(problem.objective(START_CAUCHY_SD), problem.spinning(roll), c, MAX_FIT_STEPS) for roll in START_ROLLS
     ]

@@ -162,5 +162,5 @@ def test_options_that_the_files_answer_and_other_files_are_refused(
     assert main(["import", str(DATA / "cut.json"), str(tracks), "--out", out]) == 2
     assert "apart" in capsys.readouterr().err
     assert is_pooltool(DATA / "cut.json") and not is_pooltool(tracks)
-    with pytest.raises(BadInput, match="end the name so"):
+    with pytest.raises(BadInput, match="use one of these suffixes"):
         write_document({}, tmp_path / "system.toml")
