@@ -1,6 +1,6 @@
-"""Where a live camera's pictures come from.
+"""Sources of a live camera's pictures.
 
-In: a device's number, an address or a file, opened by OpenCV. Out: pictures with the time at which they were taken.
+In: a device's number, an address or a file, opened by OpenCV. Out: pictures with their times.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from sysid.vision.frames import Picture, grabbed, quiet, retrieved
 
 
 class Source(Protocol):
-    """Where pictures come from."""
+    """A source of stamped pictures."""
 
-    fps: float  # [1/s]; 0 or NaN where it is not known
+    fps: float  # [1/s]; 0 or NaN if unknown
 
     def read(self) -> tuple[float, Picture] | None:
-        """When the next picture was taken [s], and the picture; None where there are no more."""
+        """The next picture and its time [s]; None if there are no more."""
 
     def newest(self) -> tuple[float, Picture] | None:
-        """The same for the present picture; buffered pictures are skipped."""
+        """The current picture and its time [s]; buffered pictures are skipped."""
 
     def close(self) -> None:
         """Release it."""
 
 
 class Device:
-    """What OpenCV films with: a number of a camera, an address, or a file that stands in for one."""
+    """A source that OpenCV opens: a camera's number, an address, or a film file in its place."""
 
     def __init__(self, name: int | str, size: tuple[int, int] | None = None) -> None:
-        """Open it, and ask a camera for pictures of a size (width, height)."""
+        """Open the source, and request pictures of a size (width, height)."""
         number = int(name) if str(name).isdecimal() else None
         self._live = number is not None or not Path(str(name)).is_file()
         with quiet():
@@ -52,7 +52,7 @@ class Device:
         self.fps = float(self._capture.get(cv2.CAP_PROP_FPS))
 
     def read(self) -> tuple[float, Picture] | None:
-        """The next picture; a live one is stamped as it comes."""
+        """The next picture; a live one is stamped on arrival."""
         if not grabbed(self._capture):
             return None
         stamp = time.monotonic() if self._live else float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3

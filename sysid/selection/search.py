@@ -87,7 +87,8 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     less = view.continued()
     if first.name not in seen.named and first.log_odds > threshold.least:
         free = view.with_effect(seen.unnamed(first)).renewed().searched()
-        start, gone = free.stripped(UNNAMED_EFFECT), {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
+        start = free.stripped(UNNAMED_EFFECT)
+        gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named)
         found = _added(view, start, less.beside(start), there, formula, threshold)
         if found.view is not view:

@@ -199,7 +199,7 @@ def test_a_tiny_series_tells_the_truth_beside_what_it_found(run: Run, quick: Non
     assert said.status == 0, said
     assert all((folder / name).stat().st_size for name in ENDED)
     before, after = said.out.split("\nshots ")
-    assert before.splitlines()[0] == "no --port: on the emulated launcher and table"
+    assert before.splitlines()[0] == "no --port: using the emulated launcher and table"
     hidden = read_model(folder / "hidden.toml")
     rng = np.random.default_rng([0, 7])
     cue = draw_hidden_cue(rng)

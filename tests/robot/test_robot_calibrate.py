@@ -159,7 +159,7 @@ def test_the_rest_of_the_file_is_kept(tmp_path: Path) -> None:
 
 
 def test_speeds_beyond_the_limits_are_told() -> None:
-    assert "refused from now on: 001p, 200p" in text(speeds(n1=2.8, n100=1.5, n200=0.29), OURS)
+    assert "will be refused: 001p, 200p" in text(speeds(n1=2.8, n100=1.5, n200=0.29), OURS)
     assert "refused" not in text(speeds(n1=2.7, n200=0.31), OURS)
 
 

@@ -211,8 +211,8 @@ def test_a_campaign_at_a_port_says_what_it_needs_and_is_gone_on_with(
     said = run("campaign", out, "--most", 2, *options)
     assert said.status == 0, said
     needs, _ = said.out.split("an interrupt (Ctrl-C) stops the launcher\n")
-    assert needs.startswith(f"needed:\n  - the launcher at {options[1]}, its power on")
-    for part in ("camera 0 where it stood for cam.toml", "73.7 cm from the -x cushion", "a yes in full", "5 s"):
+    assert needs.startswith(f"needed:\n  - the launcher at {options[1]}, powered on")
+    for part in ("camera 0 in the position of cam.toml", "73.7 cm from the -x cushion", "a yes in full", "5 s"):
         assert part in needs, needs
     assert "put back there 2 times, within 2 mm" in needs.replace("\n", " ")
     assert len(asked) == 4 and len(struck(lone.devices[0])) == 2
@@ -226,7 +226,7 @@ def test_a_campaign_at_a_port_says_what_it_needs_and_is_gone_on_with(
     assert said.status == 2 and "not set up" in said.err and "3 shots are kept" in said.err
     typed(lone, monkeypatch, "", "no")
     said = run("campaign", out, *options)
-    assert said.status == 2 and "nothing was struck, say yes to strike" in said.err
+    assert said.status == 2 and "so nothing was struck; answer yes to strike" in said.err
     assert len(struck(lone.devices[0])) == len(read_campaign(out)) == 3
 
 
@@ -263,11 +263,11 @@ def test_nothing_moves_where_something_is_missing(lone: Lone, options: Any, tmp_
     for words, part in (
         ((*campaign, *port), "--port: a campaign needs a camera"),
         (("repeat", *port), "--port: the measurement needs a camera"),
-        ((*campaign, *options[2:]), "--camera belongs to a launcher at a --port"),
-        (("repeat", "--end", "+x"), "--end belongs to a launcher at a --port"),
-        ((*campaign, "--model", other), "--model belongs to a launcher at a --port"),
-        ((*campaign, "--settings", settings), "--settings belongs to a launcher at a --port"),
-        ((*campaign, *options, "--model", other), "its table or ball is not that of cam.toml"),
+        ((*campaign, *options[2:]), "--camera requires a launcher at a --port"),
+        (("repeat", "--end", "+x"), "--end requires a launcher at a --port"),
+        ((*campaign, "--model", other), "--model requires a launcher at a --port"),
+        ((*campaign, "--settings", settings), "--settings requires a launcher at a --port"),
+        ((*campaign, *options, "--model", other), "its table or ball differs from cam.toml"),
         ((*campaign, *options, "--settings", settings), "the limits are 0.3 to 0.4"),
         (("repeat", *options, "--repeats", 1), "give 2 or more"),
         (("repeat", *options, "--strings", 300), "300"),

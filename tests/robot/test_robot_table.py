@@ -198,7 +198,7 @@ def test_a_stroke_is_filmed_from_the_yes_on_and_the_clip_is_kept(eye: Eye, optio
     clips, order = tmp_path / "set", read_order(eye.plan, OURS)
     said = run("play", eye.plan, *options, "--clips", clips)
     assert said.status == 0 and "aligned (0.00 degrees off)" in said.out and f"clip: {clips}" in said.out, said
-    assert said.out.startswith("needed:\n") and f"the balls where {eye.plan} has them, within 5 mm" in said.out
+    assert said.out.startswith("needed:\n") and f"the balls at the positions in {eye.plan}, within 5 mm" in said.out
     turned = f"aligned to {order.yaw_deg:.2f}, ball told"
     assert eye.asked == [(turned, 0), ("said yes", 0), ("armed", 0), ("filmed", 1)]
     [clip] = read_clip_set(clips).clips
@@ -250,14 +250,14 @@ def test_options_that_do_not_go_together(eye: Eye, options: Any, tmp_path: Path)
     write_scene(read_order(eye.plan, OURS).scene, scene)
     before = contents(tmp_path)
     for words, part in (
-        (("play", eye.plan, *options, "--scene", scene), "the camera sees where the balls are"),
+        (("play", eye.plan, *options, "--scene", scene), "the camera sees the balls"),
         (("play", eye.plan, *port, *camera), "--camera CAM.toml and --video SOURCE go together"),
-        (("play", eye.plan, *port, "--clips", "x"), "--clips: nobody films"),
-        (("play", eye.plan, *options, "--model", eye.plan), "--model belongs to the emulated launcher"),
-        (("play", eye.plan, *video), "--video belongs to a launcher at a --port"),
-        ((*begun, *camera, *video), "--camera belongs to a launcher at a --port"),
+        (("play", eye.plan, *port, "--clips", "x"), "--clips: the shot is not filmed"),
+        (("play", eye.plan, *options, "--model", eye.plan), "--model applies to the emulated launcher"),
+        (("play", eye.plan, *video), "--video requires a launcher at a --port"),
+        ((*begun, *camera, *video), "--camera requires a launcher at a --port"),
         ((*begun, *port), "--port: a series needs a camera"),
-        ((*begun, *options, "--effect", "table_tilt"), "--effect belongs to the emulated table"),
+        ((*begun, *options, "--effect", "table_tilt"), "--effect applies to the emulated table"),
     ):
         refused(run(*words, "--yes"), str(words[0]), part)
         assert contents(tmp_path) == before and eye.devices[0].state == "UNHOMED"
@@ -269,7 +269,7 @@ def test_a_series_ends_where_nobody_lays_its_balls(eye: Eye, options: Any, tmp_p
         said = run("learn", "--out", tmp_path / "series", *options)
         refused(said, "learn", "shot 1: not set up; the same command goes on from here")
         needs, asked = said.out.split("an interrupt (Ctrl-C) stops the launcher\n")
-        assert needs.startswith("needed:\n  - the launcher at ") and "camera 0 where it stood for cam.toml" in needs
+        assert needs.startswith("needed:\n  - the launcher at ") and "camera 0 in the position of cam.toml" in needs
         assert asked.startswith("shot 1: put white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
 
 
