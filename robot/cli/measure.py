@@ -24,7 +24,7 @@ from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from robot.cli.common import Filming, Wire, confirmed, yes_option
-from robot.cli.lone import AtTable
+from robot.cli.single_ball import AtTable
 from robot.device.protocol import LauncherError
 
 if TYPE_CHECKING:

@@ -228,7 +228,7 @@ def test_nothing_is_struck_from_a_stand_that_is_not_aligned_or_at_other_balls(ey
     eye.off = 0.0
     eye.put({name: xy + np.array([0.02 * (name == "red"), 0.0]) for name, xy in eye.look().items()})
     said = run("play", eye.plan, *options, "--yes")
-    assert said.status == 2 and re.search(r"ball red lies (19|20)\.\d mm from where the plan has it", said.err)
+    assert said.status == 2 and re.search(r"ball red is (19|20)\.\d mm from its place in the plan", said.err)
     assert eye.devices[0].state == "UNHOMED" and not played_file(eye.plan).exists()
 
 
@@ -267,7 +267,7 @@ def test_a_series_ends_where_nobody_lays_its_balls(eye: Eye, options: Any, tmp_p
     for word in ("q", None):
         answer(monkeypatch, eye, word)
         said = run("learn", "--out", tmp_path / "series", *options)
-        refused(said, "learn", "shot 1: not set up; the same command goes on from here")
+        refused(said, "learn", "shot 1: not set up; the same command continues from here")
         needs, asked = said.out.split("an interrupt (Ctrl-C) stops the launcher\n")
         assert needs.startswith("needed:\n  - the launcher at ") and "camera 0 in the position of cam.toml" in needs
         assert asked.startswith("shot 1: put white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
@@ -329,7 +329,7 @@ def test_the_stand_is_turned_to_the_plan_within_its_reach(eye: Eye) -> None:
     stand.turn(math.radians(30))
     assert eye.said == ["turn the stand to 30.0 degrees (its range is -90 to 90)"]
     stand.set_up(SCENE, 1).turn(math.radians(-80))
-    with pytest.raises(BadInput, match=r"yaw is 120\.0 degrees; the stand turns -90"):
+    with pytest.raises(BadInput, match=r"yaw is 120\.0 degrees; the stand's range is -90"):
         stand.turn(math.radians(120))
     stand.turn(math.radians(90.0) + 1e-15)
     assert [what for what, _ in eye.asked] == ["aligned to 30.00", "aligned to -80.00, ball told", "aligned to 90.00"]

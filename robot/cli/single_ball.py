@@ -18,7 +18,7 @@ from robot.cli.common import Filming, Wire, confirmed, set_up, yes_option
 
 if TYPE_CHECKING:
     from robot.device.settings import Settings
-    from robot.table.lone_ball import LoneBall
+    from robot.table.single_ball import SingleBall
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class AtTable:
                 raise BadInput(f"--{name} requires a launcher at a --port; omit it, or name the port")
 
     @contextmanager
-    def ball(self, wire: Wire, filming: Filming, settings: Settings) -> Iterator[LoneBall]:
+    def ball(self, wire: Wire, filming: Filming, settings: Settings) -> Iterator[SingleBall]:
         """The table with its camera open; without any question or motion yet."""
-        from robot.table.lone_ball import PLACE_TOLERANCE_M, LoneBall, place_of
+        from robot.table.single_ball import PLACE_TOLERANCE_M, SingleBall, place_of
 
         tolerance = PLACE_TOLERANCE_M if self.tolerance is None else 1e-3 * self.tolerance
         with scratch_folder() as passing:
@@ -58,13 +58,13 @@ class AtTable:
 
             with filming.open(self.films or folder) as camera:
                 place, azimuth = place_of(camera.table, self.end or "-x")
-                yield LoneBall(
+                yield SingleBall(
                     camera, lambda: wire.launcher(settings), place, azimuth,
                     lambda action: self.yes or confirmed(action, "the stand is aligned"), set_up,
                     tolerance=tolerance, clear=clear,
                 )  # fmt: skip
 
-    def print_needs(self, wire: Wire, filming: Filming, rig: LoneBall, strokes: int) -> None:
+    def print_needs(self, wire: Wire, filming: Filming, rig: SingleBall, strokes: int) -> None:
         """Print the needs of a measurement with a number of strokes."""
         from robot.table.placing import words_of
 
