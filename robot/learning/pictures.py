@@ -233,7 +233,7 @@ def _last(story: History) -> int:
 
 
 def _placed_notes(story: History, width: float) -> tuple[list[tuple[float, int, str, str]], int]:
-    """Notes on findings of refits above a figure [inch], without overlap: x, row, side, text; and the number of rows."""
+    """Notes on findings of refits above a figure [inch], without overlap: x, row, side, text; and number of rows."""
     inch = (width - 1.0) / _last(story)  # width of one shot
     taken: list[list[tuple[float, float]]] = []
     notes = []
