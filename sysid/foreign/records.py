@@ -17,11 +17,11 @@ from models.files import limits, parse, read_text
 from models.files.documents import file_problem
 from models.files.faults import Faults, shown
 from models.files.limits import excess
-from models.files.tables import NARROWER, SMALLER, csv_rows
+from models.files.tables import COLUMNS_REMEDY, SPLIT_REMEDY, csv_rows
 from models.files.texts import TextPacker
 
 COLUMN_SEPARATORS = ",;\t|"
-REMEDY = "name a CSV, JSON or Parquet file"
+FILE_REMEDY = "name a CSV, JSON or Parquet file"
 PARQUET_BATCH_ROWS = 4096
 PLACE_NAMES = ("xy", "pos", "position", "center", "centre", "point", "location")  # names of columns of pairs (x, y)
 MAX_SAID_CHARS = 120  # longest quotation of a library's message
@@ -60,14 +60,14 @@ def read_columns(path: Path) -> Columns:
         return Columns(str(path), _parquet(path))
     if suffix == ".json" or _looks_like_json(path):
         faults = Faults()
-        text = faults.settle(read_text(path, str(path), faults, REMEDY, limits.MAX_TRACKS_JSON_BYTES))
+        text = faults.settle(read_text(path, str(path), faults, FILE_REMEDY, limits.MAX_TRACKS_JSON_BYTES))
         return Columns(str(path), _json(text, str(path)), 1)
     return _csv(path)
 
 
 def _looks_like_json(path: Path) -> bool:
     """Whether a readable file begins as JSON does."""
-    if file_problem(path, REMEDY, limits.MAX_TABLE_BYTES):
+    if file_problem(path, FILE_REMEDY, limits.MAX_TABLE_BYTES):
         return False
     try:
         with path.open("rb") as file:
@@ -80,7 +80,7 @@ def _csv(path: Path) -> Columns:
     """Columns of a CSV; lines beginning with # are comments, and with another separator the comma may be decimal."""
     file, head, first_line = str(path), list[str](), 2
     packers: list[TextPacker] = []
-    rows = csv_rows(path, file, Faults(), REMEDY, separators=COLUMN_SEPARATORS, remarks=True)
+    rows = csv_rows(path, file, Faults(), FILE_REMEDY, separators=COLUMN_SEPARATORS, remarks=True)
     for line, row in rows:
         if not head:
             head, first_line = [name.strip().lstrip("\ufeff") for name in row], line + 1
@@ -117,7 +117,7 @@ def _parquet(path: Path) -> dict[str, Sequence[str]]:
         raise BadInput(
             f"{path}: Parquet needs pyarrow: pip install 'cuelab[parquet]', or save the file as CSV"
         ) from error
-    if problem := file_problem(path, REMEDY, limits.MAX_TABLE_BYTES) or _long_head(path):
+    if problem := file_problem(path, FILE_REMEDY, limits.MAX_TABLE_BYTES) or _long_head(path):
         raise BadInput(f"{path}: {problem}")
     try:
         return _parquet_columns(pyarrow, path)
@@ -136,11 +136,11 @@ def _long_head(path: Path) -> str:
             file.seek(max(path.stat().st_size - 8, 0))
             end = file.read(8)
     except OSError as error:
-        return f"cannot be read ({error.strerror}): {REMEDY}"
+        return f"cannot be read ({error.strerror}): {FILE_REMEDY}"
     if len(end) < 8 or end[4:] != b"PAR1":
         return f"does not end as a Parquet file does: {MAKE_AGAIN}"
     size = int.from_bytes(end[:4], "little")
-    return excess(size, limits.MAX_PARQUET_HEAD_BYTES, "MB of description", NARROWER, 1 << 20)
+    return excess(size, limits.MAX_PARQUET_HEAD_BYTES, "MB of description", COLUMNS_REMEDY, 1 << 20)
 
 
 def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
@@ -150,11 +150,11 @@ def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
         about, schema = plain.metadata, plain.schema_arrow
         groups = [about.row_group(k) for k in range(about.num_row_groups)]
     problem = (
-        excess(about.num_columns, limits.MAX_COLUMNS, "columns", NARROWER)
-        or excess(about.num_rows, limits.MAX_ROWS, "rows", SMALLER)
-        or excess(about.num_rows * about.num_columns, limits.MAX_CELLS, "cells", SMALLER)
+        excess(about.num_columns, limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY)
+        or excess(about.num_rows, limits.MAX_ROWS, "rows", SPLIT_REMEDY)
+        or excess(about.num_rows * about.num_columns, limits.MAX_CELLS, "cells", SPLIT_REMEDY)
         or excess(
-            sum(max(group.total_byte_size, 0) for group in groups), limits.MAX_TABLE_BYTES, "MB unpacked", SMALLER,
+            sum(max(group.total_byte_size, 0) for group in groups), limits.MAX_TABLE_BYTES, "MB unpacked", SPLIT_REMEDY,
             1 << 20,
         )
     )  # fmt: skip
@@ -170,7 +170,7 @@ def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
                     raise BadInput(f"{path}, column {shown(name)}: {problem}")
                 packers[name].extend([_text(value) for value in column.to_pylist()])
             size = sum(packer.size for packer in packers.values())
-            if problem := excess(size, limits.MAX_CELL_BYTES, "MB of texts", SMALLER, 1 << 20):
+            if problem := excess(size, limits.MAX_CELL_BYTES, "MB of texts", SPLIT_REMEDY, 1 << 20):
                 raise BadInput(f"{path}: {problem}")
     return {name: packer.texts() for name, packer in packers.items()}
 
@@ -201,12 +201,12 @@ def _json(text: str, file: str) -> dict[str, Sequence[str]]:
         for name, value in record.items():
             if name not in packers:
                 packers[name] = TextPacker()
-                _within(file, len(packers), limits.MAX_COLUMNS, "columns", NARROWER)
+                _within(file, len(packers), limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY)
             packers[name].pad(count)
             packers[name].add(_text(value))
         count += 1
         if count > limits.MAX_ROWS or count * len(packers) > limits.MAX_CELLS:
-            _within(file, count, min(limits.MAX_ROWS, limits.MAX_CELLS // len(packers)), "rows", SMALLER)
+            _within(file, count, min(limits.MAX_ROWS, limits.MAX_CELLS // len(packers)), "rows", SPLIT_REMEDY)
     if not packers:
         raise BadInput(
             f"{file}: holds no rows: write a list of objects such as " + '{"t": 0, "ball": "cue", "x": 0, "y": 0}'
@@ -236,7 +236,7 @@ def _records(data: Any, known: Mapping[str, Any], file: str) -> Iterator[dict[st
     inner = {key: value for key, value in inner.items() if key not in pairs}
     own = {key: value for key, value in data.items() if not isinstance(value, dict | list)}
     own = {**known, **own, **{axis: v for pair in pairs.values() for axis, v in zip("xy", pair, strict=True)}}
-    _within(file, len(own) + len(columns), limits.MAX_COLUMNS, "columns", NARROWER)  # each row has them all
+    _within(file, len(own) + len(columns), limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY)  # each row has them all
     if columns and len({len(column) for column in columns.values()}) == 1:
         for row in zip(*columns.values(), strict=True):
             yield {**own, **dict(zip(columns, row, strict=True))}

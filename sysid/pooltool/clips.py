@@ -28,7 +28,7 @@ from models.shot import GRAVITY, Array, Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.running import begun, usual_noise
 from sysid.foreign.convert import Imported
-from sysid.pooltool.document import REMEDY, read_systems
+from sysid.pooltool.document import SYSTEM_REMEDY, read_systems
 from sysid.pooltool.frame import PHI_AHEAD_RAD, Frame
 from sysid.pooltool.table import table_here
 
@@ -60,7 +60,7 @@ def import_pooltool(
     notes = list[str]()
     for (path, one), count in zip(systems, counts, strict=True):
         name = f"{path.stem}_{next(numbers[path]):04d}" if count > 1 else path.stem
-        with entries_of(path, REMEDY):
+        with entries_of(path, SYSTEM_REMEDY):
             sizes, clip, rate, note = _clip(one, path, f"clips/{name}.csv", fps)
         clips, own, rates = [*clips, clip], [*own, sizes], [*rates, rate]
         notes += [note] if note and note not in notes else []

@@ -20,7 +20,7 @@ from models.files import limits, parse, read_text, write_whole
 from models.files.documents import file_problem
 from models.files.faults import Faults
 
-REMEDY = "name a file of pooltool's System.save, .json or .msgpack"
+SYSTEM_REMEDY = "name a file of pooltool's System.save, .json or .msgpack"
 SYSTEM_KEYS = {"cue", "table", "balls", "t", "events"}
 MULTISYSTEM_KEY = "multisystem"
 HEAD_CHARS = 400  # beginning of a JSON file that contains the first key
@@ -47,7 +47,7 @@ def read_systems(path: Path) -> list[Mapping[str, Any]]:
     many = data.get(MULTISYSTEM_KEY) if isinstance(data, dict) else None
     systems = many if isinstance(many, list) else [data]
     if not systems or not all(isinstance(one, dict) and one.keys() >= SYSTEM_KEYS for one in systems):
-        raise BadInput(f"{path}: contains no pooltool system: {REMEDY}")
+        raise BadInput(f"{path}: contains no pooltool system: {SYSTEM_REMEDY}")
     return systems
 
 
@@ -72,13 +72,13 @@ def _without_histories(value: Any) -> Any:
 
 def _json(path: Path) -> Any:
     faults = Faults()
-    text = faults.settle(read_text(path, str(path), faults, REMEDY, limits.MAX_TRACKS_JSON_BYTES))
+    text = faults.settle(read_text(path, str(path), faults, SYSTEM_REMEDY, limits.MAX_TRACKS_JSON_BYTES))
     return faults.settle(parse(text, str(path), faults, json.loads))
 
 
 def _messagepack(path: Path) -> Any:
     library = _library(path)
-    if problem := file_problem(path, REMEDY, limits.MAX_TRACKS_JSON_BYTES):
+    if problem := file_problem(path, SYSTEM_REMEDY, limits.MAX_TRACKS_JSON_BYTES):
         raise BadInput(f"{path}: {problem}")
     try:
         return library.unpackb(path.read_bytes(), object_hook=_array)

@@ -24,7 +24,7 @@ from models.files.record import Origin, origin_of, with_record
 from tests.fuzz.verbs import SEEDS
 
 ORIGIN = Origin("sysid new-model", "0123456789abcdef")
-REFUSED = "not made by this command from the same input; name another, or replace it with --overwrite\n"
+REFUSED = "was not made by this command from the same input; name another, or replace it with --overwrite\n"
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_a_folder_of_results_as_well(place: Path, capsys: pytest.CaptureFixture[
     assert "made.json" in made
     capsys.readouterr()
     assert sysid.cli.main(["discover", "others", "--out", "out"]) == 2
-    assert capsys.readouterr().err == f"sysid discover: out: holds model.toml, {REFUSED}"
+    assert capsys.readouterr().err == f"sysid discover: out: holds model.toml, which {REFUSED}"
     assert sysid.cli.main(["discover", "clips", "--model", "model.toml", "--out", "out"]) == 2
     assert sysid.cli.main(["demo", "--out", "out"]) == 2
     assert {path.name: path.read_bytes() for path in Path("out").iterdir()} == made
@@ -111,7 +111,7 @@ def test_what_is_drawn_replaces_its_own_kind_and_no_input(place: Path, capsys: p
     model = Path("model.toml").read_bytes()
     compare = ["compare", "clips", "--model", "model.toml"]
     assert sysid.cli.main([*compare, "--report", "model.toml"]) == 2
-    assert "model.toml: is what this command reads; name another file" in capsys.readouterr().err
+    assert "model.toml: is an input of this command; name another file" in capsys.readouterr().err
     assert sysid.cli.main([*compare, "--report", "scene.toml"]) == 2
     assert "its name does not end in .html" in capsys.readouterr().err
     assert sysid.cli.main(["check", "clips", "--json", "clips/clips/0001.csv"]) == 2
