@@ -172,7 +172,7 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
             played = _play_unfilmed(request, wire, settings, scene, azimuth)
         return _print_played(played, request, None)
     filming.refuse()
-    print("no --port: on the emulated launcher and table")
+    print("no --port: using the emulated launcher and table")
     emulated = emulation.table(scene or order.scene, azimuth)
     tolerance = request.tolerance_m
     if request.dry_run:

@@ -158,7 +158,7 @@ def test_a_folder_goes_on_with_its_own_series_alone(
     assert (folder / "story.rrd").stat().st_mtime_ns > recorded
     before = contents(folder)
     for change, says in (
-        (("--seed", 1), "another seed"), (("--repeats", 4), "another number of repeats"),
+        (("--seed", 1), "another seed"), (("--repeats", 4), "another emulated number of repeats"),
         (("--effect", "air_drag"), "another table or launcher"), (("--every", 5), "another every"),
     ):  # fmt: skip
         said = run("--out", folder, *words, *change)

@@ -79,7 +79,7 @@ def test_bad_input_is_one_line_and_status_2(run: Run, plan: Path, tmp_path: Path
     write_settings(dataclasses.replace(OURS, limits=dataclasses.replace(OURS.limits, cue_speed=(0.3, 0.5))), settings)
     for words, part in (
         (("play", tmp_path / "none.json"), "none.json"),
-        (("play", plan, "--scene", moved), "ball blue lies 20."),
+        (("play", plan, "--scene", moved), "ball blue is 20."),
         (("play", plan, "--settings", settings), "the limits are 0.3 to 0.5"),
         (("play", plan, "--port", "/dev/none"), "cannot be opened"),
         (("play", plan, "--port", "/dev/none", "--clips", "x"), "--clips: the shot is not filmed"),

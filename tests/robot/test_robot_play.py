@@ -322,7 +322,7 @@ def test_another_scene_is_refused_by_the_ball_that_lies_wrong(plan: Path) -> Non
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"string": "001p", "cue_speed": 2.75}, "string 001p gives 2.75 m/s; the limits are 0.3 to 2.2"),
+        ({"string": "001p", "cue_speed": 2.75}, "string 001p gives a cue speed of 2.75 m/s; the limits are 0.3 to 2.2"),
         ({"x0_mm": 15.0, "y0_mm": 15.0}, "stay within 0.5"),
         ({"theta_deg": 170.0}, "yaw is 170.0 degrees; the stand's range is -90.0 to 90.0"),
         ({"string": "47p"}, "give three digits"),

@@ -312,7 +312,7 @@ def test_balls_are_asked_for_until_they_are_seen_in_their_places(eye: Eye) -> No
 def test_a_scene_that_is_not_laid_or_of_another_table_ends_it(eye: Eye) -> None:
     asked, answers = list[str](), iter([True, True, False])
     eye.put({"red": SCENE.position[1]})
-    with pytest.raises(BadInput, match="shot 3: not set up; the same command goes on"):
+    with pytest.raises(BadInput, match="shot 3: not set up; the same command continues"):
         stand_of(eye, lambda text: next(answers)).set_up(SCENE, 3)
     assert eye.said == ["white is not seen"] * 2
     with pytest.raises(BadInput, match="shot 3: white is not seen; check that"):
