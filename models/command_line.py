@@ -303,7 +303,7 @@ def run(
     if not _flushed():
         status = status or Status.BAD_INPUT
     if fault:
-        with contextlib.suppress(OSError):  # stderr is closed: the status tells it
+        with contextlib.suppress(OSError):  # stderr is closed: only the status remains
             progress.close()
             for line in (fault, *more):
                 print(one_line(f"{path}: {line}"), file=sys.stderr)

@@ -56,12 +56,12 @@ def import_tracks(
     ):  # fmt: skip
         if value is not None and value not in allowed:
             raise BadInput(f"{name} = {value!r}: give {' or '.join(map(repr, allowed))}")
-    told = Stated(
+    statements = Stated(
         unit, None if origin is None else origin == "corner", None if x_along is None else x_along == "width",
         None if y is None else y == "down", **stated,
     )  # fmt: skip
     shots = [ShotFile(f"clips/{path.stem}.csv") for path in paths]
-    return import_files(paths, shots, known.table, known.ball, told, pixels).clip_set
+    return import_files(paths, shots, known.table, known.ball, statements, pixels).clip_set
 
 
 def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:

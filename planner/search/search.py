@@ -118,18 +118,18 @@ def in_both_engines(
     """
     final, few = evaluate(player, samples, q, weights), samples.first(min(checked, len(samples)))
     events = evaluate(player, few, q, weights)
-    told: list[dict[str, Any]] = [{} for _ in q]
+    extras: list[dict[str, Any]] = [{} for _ in q]
     if isinstance(player.launcher, MappedLauncher):
         out, off = few.strike(player, q)
         mujoco = evaluations(player, q, out, weights)
         parts = {"speed": off.speed, "azimuth": off.azimuth, "spin": off.spin}
-        for k, one in enumerate(told):
+        for k, one in enumerate(extras):
             one["tip"] = {n: float(v.reshape(len(q), -1)[k].mean()) for n, v in parts.items()}
     else:
         mujoco = evaluate(player, few, q, weights, mujoco=True)
     pairs = list(zip(events, mujoco, strict=True))
     engines = [
-        {"plays": len(few), "events": a.made, "mujoco": b.made} | one for (a, b), one in zip(pairs, told, strict=True)
+        {"plays": len(few), "events": a.made, "mujoco": b.made} | one for (a, b), one in zip(pairs, extras, strict=True)
     ]
     return final, engines, np.array([b.value - a.value for a, b in pairs])
 

@@ -63,7 +63,7 @@ def align(
         say: called with an instruction when it changes.
 
     Returns:
-        The last line, averaged over the pictures since the last turn; `turn_for` tells whether it is aligned.
+        The last line, averaged over the pictures since the last turn; `turn_for` returns whether it is aligned.
 
     Raises:
         BadInput: there was no picture, no cue ball, or no cue in any of them.

@@ -78,7 +78,7 @@ class Wire:
                 raise BadInput(f"--{option} requires a launcher at a --port; omit it, or name the port")
 
     def print_needs(self, *needs: str, asks: str = "before every stroke", yes: bool = False) -> None:
-        """Print the verb's needs at the port before any question or motion; `asks` tells when a yes is required."""
+        """Print the verb's needs at the port before any question or motion; `asks` says when a yes is required."""
         answer = "none, as --yes was given" if yes else "a yes in full"
         lines = [f"the launcher at {self.port}, powered on, cue and stage free to move: it homes if necessary"]
         lines += [*needs, *[f"{asks} {answer}; each stroke then arms the launcher for {ARMED_S:g} s"] * bool(asks)]

@@ -115,9 +115,9 @@ class PaperLauncher(Launcher):
             raise StrokeUnknown(f"{n:03d}p may have been sent: {error}; look at the table") from error
         self._log.write("stroke", began, sent=f"{n:03d}p", error="")
         self._clock.sleep(STROKE_PATH_M / speed + STROKE_EXTRA_S)
-        told = self._made_by_hand("struck")
+        by_hand = self._made_by_hand("struck")
         return Done(
-            f"{n:03d}p", self._strokes, speed, math.nan, math.nan, told.x0_mm, told.y0_mm, began,
+            f"{n:03d}p", self._strokes, speed, math.nan, math.nan, by_hand.x0_mm, by_hand.y0_mm, began,
             self._clock.now() - began, 0, ("not confirmed: this launcher accepts only 'NNNp' and reports nothing",),
         )  # fmt: skip
 

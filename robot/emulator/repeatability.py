@@ -28,7 +28,7 @@ from robot.device.settings import Settings
 from robot.emulator.table import PLACE_SIGMA_M, EmulatedOptions, EmulatedTable, emulated_launcher
 
 BALL_PLACING_SD_M = 1e-4  # error of the place to which a ball is put back, each axis; as in robot/cueing/striker.py
-OPEN_CLOTH = Table(250.0, 250.0, pockets=False)  # so large that no ball of 7 m/s reaches a cushion
+OPEN_CLOTH = Table(250.0, 250.0, pockets=False)  # so large that no ball of 7 m/s meets a cushion
 BALL_NAME = "white"
 
 

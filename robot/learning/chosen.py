@@ -55,23 +55,23 @@ def chosen_shot(
     if not learnt or turn >= most:
         return None
     path = fit_folder(folder, learnt) / "result.json"
-    told = read_json(path, RESULT_FORMAT).get("next_shots") or []
+    asked = read_json(path, RESULT_FORMAT).get("next_shots") or []
     with entries_of(path, FOLDER_REMEDY):
-        return _shot(told[turn], model, launcher, names) if turn < len(told) else None
+        return _shot(asked[turn], model, launcher, names) if turn < len(asked) else None
 
 
-def _shot(told: dict[str, Any], model: Model, launcher: LauncherModel, names: Sequence[str]) -> ChosenShot | None:
+def _shot(asked: dict[str, Any], model: Model, launcher: LauncherModel, names: Sequence[str]) -> ChosenShot | None:
     """A shot from an entry of result.json; None if the object ball would be in the way everywhere."""
-    cue, ball = told["cue"], np.array(told["ball"], float)
+    cue, ball = asked["cue"], np.array(asked["ball"], float)
     stroke = np.array([float(cue[key]) for key in ("speed", "azimuth", "side", "height")])
-    goal, why = Goal(names[0], names[1], None), str(told["why"])
+    goal, why = Goal(names[0], names[1], None), str(asked["why"])
 
     def scene(other: Array) -> Scene:
         places = separate_overlaps(np.array([ball, other]), model.table, model.ball)
         return Scene(model.table, model.ball, (names[0], names[1]), places, goal)
 
-    if told["other"] is not None:
-        return ChosenShot(scene(np.array(told["other"], float)), stroke, why)
+    if asked["other"] is not None:
+        return ChosenShot(scene(np.array(asked["other"], float)), stroke, why)
     room = model.table.centre_limits(model.ball)
     grid = itertools.product(
         np.linspace(-0.9, 0.9, PLACES_ALONG) * room[0], np.linspace(-0.9, 0.9, PLACES_ACROSS) * room[1]

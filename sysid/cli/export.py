@@ -45,9 +45,9 @@ def export(
         if launcher or bare:
             raise BadInput(f"--{'launcher' if launcher else 'bare'} applies to MJCF only; omit it with --to pooltool")
         places = None if balls is None else places_of(fitted, balls.split(","))
-        told = export_pooltool(fitted, out, places)
+        lines = export_pooltool(fitted, out, places)
         progress.close()
-        print("\n".join(told))
+        print("\n".join(lines))
         return Status.DONE
     places = places_of(fitted, None if balls is None else balls.split(","))
     table = plain_table(fitted, places, launcher=launcher, bare=bare, origin=model.name)

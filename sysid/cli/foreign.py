@@ -147,12 +147,12 @@ def _systems(files: tuple[Path, ...], sizes: TableOptions, camera: Camera | None
     """Import pooltool's systems; BadInput for an option that states what these files contain."""
     from sysid.pooltool.clips import import_pooltool
 
-    told = {
+    stated = {
         "--unit": reading.unit, "--origin": reading.origin, "--x-along": reading.x_along, "--y": reading.y,
         "--turned": reading.turned, "--time": reading.time, "--struck": reading.struck, "--running": reading.running,
         "--columns": reading.columns, "--camera": camera,
     }  # fmt: skip
-    for option in (name for name, value in told.items() if value):
+    for option in (name for name, value in stated.items() if value):
         raise BadInput(f"{option}: pooltool's files state this themselves: omit it")
     known = sizes.table_set() if sizes.table_name is not None else None
     return import_pooltool(

@@ -146,9 +146,9 @@ def _entries(clips: tuple[Mapping[str, Any], ...], root: Path, ball: Ball | None
             continue
         seen[entry.path] = index
         entries.append(entry)
-    told = [(entry, clips[entry.place.index or 0].get("session", {})) for entry in entries]
+    sessions = [(entry, clips[entry.place.index or 0].get("session", {})) for entry in entries]
     for key in dict.fromkeys(key for entry in entries for key in entry.session):
-        for entry, session in told:
+        for entry, session in sessions:
             if isinstance(session, Mapping) and key not in session:
                 entry.place.fault(f"session.{key} is missing: give it for every clip, or for none", "session")
     return tuple(entries)

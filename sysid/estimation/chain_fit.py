@@ -193,8 +193,8 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
 
 def _distance(chain: Chain, step: Array, information: Array, gradient: Array) -> float:
     """Length of a step of the constants [standard deviations over shots]."""
-    told = float(gradient.sum(axis=0) @ step) / _count_as_one(chain, information, gradient)
-    return math.sqrt(max(told, 0.0))
+    squared_sd = float(gradient.sum(axis=0) @ step) / _count_as_one(chain, information, gradient)
+    return math.sqrt(max(squared_sd, 0.0))
 
 
 def _count_as_one(chain: Chain, information: Array, gradient: Array) -> float:

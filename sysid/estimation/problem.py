@@ -74,7 +74,7 @@ def state_bounds(table: Table, ball: Ball) -> Array:
 
 
 def on_open_table(model: Model) -> Model:
-    """The model on a table so large that no ball reaches a cushion; sizes are not constants there."""
+    """The model on a table so large that no ball meets a cushion; sizes are not constants there."""
     table = dataclasses.replace(model.table, length=OPEN_TABLE_M, width=OPEN_TABLE_M, pockets=False)
     return dataclasses.replace(model, table=table, sizes={})
 

@@ -102,7 +102,7 @@ def _ended(
         view: the last fit.
         played: whole shots with such a fit.
         now: those with the last.
-        error_rate: probability of confusion that the next shots have to reach.
+        error_rate: probability of confusion below which the next shots are to bring it.
     """
     verdict, formula = found.verdict, found.formula
     plain = view if formula is None else view.without(EFFECT_NAME)

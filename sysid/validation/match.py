@@ -272,8 +272,8 @@ def cueing(few: bool = False) -> list[MatchResult]:
     wrong = stroke.errors(launcher, asked, stroke.played(launcher, asked))
     parts = (("ball speed", "%", 0.5), ("R omega over speed", "%", 4.0), ("squirt", "deg", 0.07))
     return [
-        MatchResult(f"launcher's tip, {len(asked)} strokes: {what}, rms", "effects", float(rms), unit, reach)
-        for (what, unit, reach), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
+        MatchResult(f"launcher's tip, {len(asked)} strokes: {what}, rms", "effects", float(rms), unit, tolerance)
+        for (what, unit, tolerance), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
     ]
 
 

@@ -369,11 +369,11 @@ def _differenced(
     found = from_differences(rows, steps, objective.cauchy_sd)
     share = np.ones(len(x))
     for _ in range(0 if objective.rough else MAX_SHORTENINGS):
-        told = np.sqrt(np.max(np.einsum("npp->np", found.matrix) * steps**2, axis=1, initial=0.0))  # steps over sd
-        far = np.flatnonzero(share * told > MAX_STEP_SD)
+        in_sd = np.sqrt(np.max(np.einsum("npp->np", found.matrix) * steps**2, axis=1, initial=0.0))  # steps over sd
+        far = np.flatnonzero(share * in_sd > MAX_STEP_SD)
         if not far.size:
             break
-        share[far] = SHORT_STEP_SD / told[far]
+        share[far] = SHORT_STEP_SD / in_sd[far]
         now = moved(
             objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far],
             None if free is None else free[far],
