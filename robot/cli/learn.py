@@ -235,9 +235,9 @@ def _check_hidden(folder: Path, stand: EmulatedRig) -> None:
     from robot.learning.history import read_json
 
     then = read_json(path, EMULATED_FORMAT)
-    for key, word in (("hidden", "table or launcher"), ("repeats", "number of repeats")):
+    for key, word in (("hidden", "emulated table or launcher"), ("repeats", "number of repeats")):
         if then.get(key) != now[key]:
-            raise BadInput(f"{folder}: was started with another emulated {word}; use the same, or name another folder")
+            raise BadInput(f"{folder}: was started with another {word}; use the same, or name another folder")
     for name in ("hidden.toml", "hidden_cue.json"):  # they exist once the series has ended
         (folder / name).unlink(missing_ok=True)
 

@@ -317,7 +317,7 @@ def test_a_scene_that_is_not_laid_or_of_another_table_ends_it(eye: Eye) -> None:
     assert eye.said == ["white is not seen"] * 2
     with pytest.raises(BadInput, match="shot 3: white is not seen; check that"):
         stand_of(eye, asked.append).set_up(SCENE, 3)
-    with pytest.raises(BadInput, match="begin with a model of this table"):
+    with pytest.raises(BadInput, match="start with a model of this table"):
         stand_of(eye, asked.append).set_up(dataclasses.replace(SCENE, table=Table(3.0, 1.5)), 3)
     assert len(asked) == MAX_PLACING_TRIES and not eye.devices
 
