@@ -1,4 +1,4 @@
-# The first target sets up .venv by itself; it is brought up to date when pyproject.toml or constraints.txt change.
+# Any target sets up .venv first; it is updated when pyproject.toml or constraints.txt change.
 
 BIN := .venv/bin
 READY := .venv/.ready
@@ -11,13 +11,13 @@ TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist work
 .PHONY: help demo test test-slow test-thorough fuzz bench mutation study figures lint docs clean
 
 help:
-	@echo "make demo    the shipped example with a hidden effect, start to end, into out/demo"
-	@echo "make test    lint, then all tests but the slow ones (PYTEST_ARGS=\"-k name\" for some)"
+	@echo "make demo    the shipped example with a hidden effect, from start to end, into out/demo"
+	@echo "make test    lint, then all tests except the slow ones (PYTEST_ARGS=\"-k name\" selects some)"
 	@echo "make test-slow   the slow ones: whole discoveries, footage tracked from end to end"
 	@echo "make test-thorough   sweeps: every verb on a full disk, kills of every long work, long sets (an hour)"
 	@echo "make fuzz    changed inputs of every reader and verb for ten minutes (FUZZ_ARGS=\"--count 200000\")"
 	@echo "make bench   speed, growth and accuracy figures (BENCH_ARGS=--note adds a row to docs/benchmarks.md)"
-	@echo "make mutation    formulas broken one at a time: which of it the tests notice (an hour; resumable)"
+	@echo "make mutation    formulas broken one at a time: which faults the tests detect (an hour; resumable)"
 	@echo "make study   how reliably hidden effects are found, into tests/study/REPORT.md (hours; resumable)"
 	@echo "make figures the pages' measured figures, from the example, the reports and docs/figures.toml"
 	@echo "make lint    ruff and mypy"

@@ -1,6 +1,6 @@
-"""The table as physics: effects, engines that play them, and nothing of measurements.
+"""The physics of the table: effects, and the engines that play them; independent of measurements.
 
-A model is read or made, and shots are played in it:
+Read or make a model, and play shots in it:
 
     from models import Ball, Shot, Table, full_model, load_model, save_model, simulate
 

@@ -1,4 +1,4 @@
-"""What the commands share: verbs in sections, types and decorators of options, every fault in one line on stderr.
+"""Common parts of the commands: verbs in sections, types and decorators of options, faults as one line on stderr.
 
 A verb is a typed function with its options as decorators; what it returns is the exit status. A `Program` lists its
 verbs by section, and `run` runs one of them. Options that several verbs share are one decorator each.
@@ -42,7 +42,7 @@ from models.interrupts import SIGNAL_STATUS, Terminated, as_interrupts
 
 Verb = TypeVar("Verb", bound=Callable[..., Any])
 FILE_PATH = click.Path(path_type=Path)
-HELP_COLUMNS = 110  # width of help texts at most
+HELP_COLUMNS = 110  # largest width of help texts
 HELP_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": HELP_COLUMNS}
 
 
@@ -62,7 +62,7 @@ class Number(click.ParamType[float, str]):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """As help shows it."""
+        """The name in help texts."""
         return "integer" if self.whole else "number"
 
     def convert(self, value: str | float, param: click.Parameter | None, ctx: click.Context | None) -> float:
@@ -97,41 +97,41 @@ json_option = click.option(
 
 
 def out_option(metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
-    """The file that a verb is there to write."""
+    """The option of a verb's main output file."""
     return click.option("--out", metavar=metavar, type=RESULT_FILE, help=text, **{"required": True} | more)
 
 
 def out_folder_option(text: str, *writes: str, joined: Sequence[str] = (), **more: Any) -> Callable[[Verb], Verb]:
-    """The folder that a verb is there to write, with what it writes there, by patterns (`ResultFolder`)."""
+    """The option of a verb's main output folder, with patterns of the files written there (`ResultFolder`)."""
     kind = ResultFolder(*writes, joined=joined)
     return click.option("--out", metavar="DIR", type=kind, help=text, **{"required": True} | more)
 
 
 def output_option(name: str, metavar: str, text: str) -> Callable[[Verb], Verb]:
-    """A file that a verb also writes where asked: `--report` gives the parameter `report_file`."""
+    """The option of an additional output file: `--report` gives the parameter `report_file`."""
     return click.option(f"--{name}", f"{name}_file", metavar=metavar, type=OUTPUT_FILE, help=text)
 
 
 def input_option(name: str, metavar: str, text: str, **more: Any) -> Callable[[Verb], Verb]:
-    """A file that a verb reads: `--model` gives the parameter `model_file`."""
+    """The option of an input file: `--model` gives the parameter `model_file`."""
     return click.option(f"--{name}", f"{name}_file", metavar=metavar, type=FILE_PATH, help=text, **more)
 
 
 def seed_option(default: int = 0) -> Callable[[Verb], Verb]:
-    """The seed of all random numbers."""
+    """The option of the seed of all random numbers."""
     text = "Seed of the random numbers."
     return click.option("--seed", metavar="N", type=NON_NEGATIVE, default=default, show_default=True, help=text)
 
 
 scheduler_option = click.option(
     "--scheduler", metavar="ADDRESS",
-    help="Address of a Dask scheduler, whose workers compute (docs/cluster.md); by default this machine does.",
+    help="Address of a Dask scheduler whose workers compute (docs/cluster.md); by default this machine computes.",
 )  # fmt: skip
 
 
 def effects_option(*, exposed: bool = False) -> Callable[[Verb], Verb]:
-    """The user's own effects join the catalogue before the verb runs; it gets the folders where `exposed`."""
-    text = "Folder, or file, with effects of your own; may be given more than once."
+    """The option of the user's own effects, which join the catalogue first; the verb gets the folders if `exposed`."""
+    text = "Folder, or file, with your own effects; may be given more than once."
     return click.option(
         "--effects", "effect_folders", metavar="DIR", multiple=True, callback=_add_effects, expose_value=exposed,
         help=text,
@@ -152,15 +152,15 @@ def given(
     option: str | Callable[[Any], Any], metavar: str = "", text: str = "", kind: Any = str, default: Any = None,
     **more: Any,
 ) -> Any:  # fmt: skip
-    """A field of a dataclass that an option fills: a shared one, or one made of flag, metavar, help, type, default."""
+    """A dataclass field filled by an option: a shared one, or one from flag, metavar, help, type and default."""
     shown = {"metavar": metavar or None, "help": text, "show_default": kind is not bool}
-    if default is not None:  # for a required option, None would be a value
+    if default is not None:  # a required option must have no default
         shown["default"] = default
     return dataclasses.field(default=default, metadata={"option": (option, kind, shown | more)})
 
 
 def gathered(name: str, kind: type) -> Callable[[Verb], Verb]:
-    """Options that travel together: a verb gets them as one value of a dataclass of `given` fields, by this name."""
+    """A group of options: a verb gets them under this name, as one value of a dataclass of `given` fields."""
     options: dict[str, Callable[[Any], Any]] = {}
     for field in dataclasses.fields(kind):
         option, type_, shown = field.metadata["option"]
@@ -183,14 +183,14 @@ def gathered(name: str, kind: type) -> Callable[[Verb], Verb]:
 
 
 def at_most_one(**given: object) -> None:
-    """Refuse options that exclude each other; each is named as its parameter is."""
+    """Raise BadInput for options that exclude each other, named by their parameters."""
     named = [f"--{name.replace('_', '-')}" for name, value in given.items() if value]
     if len(named) > 1:
         raise BadInput(f"{' and '.join(named)} exclude each other; give one of them")
 
 
 def lone_command(name: str) -> Callable[[Callable[..., Any]], click.Command]:
-    """The decorator of a command that a module runs by itself, with `python -m`."""
+    """The decorator of a command that a module runs with `python -m`."""
     return click.command(name, context_settings=HELP_SETTINGS)
 
 
@@ -213,21 +213,19 @@ VERSION_OPTION = click.Option(
 
 
 def _be_quiet(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
-    """Let the progress of a command say nothing."""
+    """Silence the progress of a command."""
     if asked and isinstance(ctx.obj, Progress):
         ctx.obj.quiet = True
 
 
-QUIET_OPTION = click.Option(
-    ["--quiet"], is_flag=True, expose_value=False, callback=_be_quiet, help="Show no progress while it works."
-)
+QUIET_OPTION = click.Option(["--quiet"], is_flag=True, expose_value=False, callback=_be_quiet, help="Show no progress.")
 
 
 class Program(click.Group):
-    """A command whose help lists the verbs by section, in the order of work."""
+    """A command whose help lists the verbs by section, in the order of use."""
 
     def __init__(self, name: str, text: str, sections: Mapping[str, Sequence[click.Command]]) -> None:
-        """Collect the verbs."""
+        """Create the command from its verbs."""
         verbs = {str(verb.name): verb for section in sections.values() for verb in section}
         for verb in verbs.values():
             if QUIET_OPTION in verb.params:
@@ -248,7 +246,7 @@ class Program(click.Group):
         self.sections = sections
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """A line for each verb."""
+        """Write a help line for each verb."""
         width = max(map(len, self.commands))
         for title, verbs in self.sections.items():
             with formatter.section(title):
@@ -262,17 +260,17 @@ def run(
     interrupted: str = "",
     failures: tuple[type[Exception], ...] = (),
 ) -> int:
-    """Run a command, or the verb of a program that the command line names; returns the exit status.
+    """Run a command, or the named verb of a program; returns the exit status.
 
     Args:
         words: the command line without the program's name; by default those of the process.
-        interrupted: what the message after an interrupt says of files or devices; notes of the exception follow it.
-        failures: exceptions that are findings for the user to act on; status 1.
+        interrupted: text on files or devices for the message after an interrupt; notes of the exception follow it.
+        failures: exceptions that are findings for the user, with status 1.
     """
     _prepare_process(own=words is None)
     name = str(program.name)
     if f"_{name.upper()}_COMPLETE" in os.environ:
-        program.main(prog_name=name)  # writes what the shell asks for, and exits
+        program.main(prog_name=name)  # writes the completions for the shell, and exits
     words = list(sys.argv[1:] if words is None else words)
     verbs = list(program.commands) if isinstance(program, click.Group) else []
     path = f"{name} {words[0]}" if words and words[0] in verbs else name
@@ -294,21 +292,21 @@ def run(
         more = getattr(error, "__notes__", more)  # further faults of a file
     except KeyboardInterrupt as stop:
         status = SIGNAL_STATUS + (stop.number if isinstance(stop, Terminated) else signal.SIGINT)
-        fault = "; ".join([f"interrupted{interrupted}", *getattr(stop, "__notes__", ())])  # what was kept
+        fault = "; ".join([f"interrupted{interrupted}", *getattr(stop, "__notes__", ())])  # on kept results
     except BrokenPipeError:
         if not _reader_left():
             raise
         status = Status.BROKEN_PIPE
-    except OSError as error:  # a disk that is full, a file that went away
+    except OSError as error:  # a full disk, a file that disappeared
         where = error.filename or "standard output"
-        text = f"{where}: {error.strerror or error}; look at the disk and at access rights"
+        text = f"{where}: {error.strerror or error}; check the disk and access rights"
         status, fault = Status.BAD_INPUT, str(unwritable(where, error)) if error.errno in NO_ROOM else text
     except MemoryError:
-        status, fault = Status.BAD_INPUT, "the memory is full; give less input at a time"
+        status, fault = Status.BAD_INPUT, "out of memory; give less input at a time"
     if not _flushed():
         status = status or Status.BAD_INPUT
     if fault:
-        with contextlib.suppress(OSError):  # nobody listens: the status says it
+        with contextlib.suppress(OSError):  # stderr is closed: only the status remains
             progress.close()
             for line in (fault, *more):
                 print(one_line(f"{path}: {line}"), file=sys.stderr)
@@ -336,30 +334,30 @@ def typed_again(*more: str, without: Mapping[str, int]) -> str:
 
 
 def _prepare_process(own: bool) -> None:
-    """Environment and streams of a command; warnings too, where it has its `own` process. NumPy comes later."""
-    # Matrices are small here: threads of linear algebra wait for each other longer than they work.
+    """Set up environment and streams of a command, and warnings in its `own` process; before NumPy is imported."""
+    # Matrices are small here, so that threads of linear algebra would only slow things down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # OpenCV and FFmpeg: our own messages name what they cannot read or write, and no picture may fill the memory.
+    # OpenCV and FFmpeg: our own messages name unreadable files, and no picture may fill the memory.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
-    if own and not sys.warnoptions:  # what NumPy meets in bad input is in our own messages
+    if own and not sys.warnoptions:  # our own messages report bad input
         warnings.simplefilter("ignore", RuntimeWarning)
-    for stream in ("stdout", "stderr"):  # one that the shell has closed goes nowhere
+    for stream in ("stdout", "stderr"):  # a stream closed by the shell is discarded
         if getattr(sys, stream) is None:
             setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:
-    """A wrong word or option in one line, with what it is near to."""
+    """The message on a wrong word or option, in one line, with similar ones."""
     if verbs and "Missing command" in error.format_message():
-        return f"no verb is given; choose one of {', '.join(verbs)}"
+        return f"no verb was given; choose one of {', '.join(verbs)}"
     text = " ".join(error.format_message().split()).rstrip(".")
     return f"{text[:1].lower()}{text[1:]}" + ("" if text.endswith("?") else f"; see {path} --help")
 
 
 def _flushed() -> bool:
-    """Whether all that was printed has gone out; what has not goes nowhere, or the interpreter complains in the end."""
+    """Flush all output; returns whether that worked, and else discards the rest, so that the interpreter is quiet."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -369,10 +367,10 @@ def _flushed() -> bool:
 
 
 def _reader_left() -> bool:
-    """Whether nobody reads standard output any more, as after `| head`; the rest of it then goes nowhere."""
+    """Whether standard output was closed, as by `| head`; further output is then discarded."""
     output = select.poll()
     output.register(sys.stdout.fileno(), 0)
     if not any(event & select.POLLERR for _, event in output.poll(0)):
         return False
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains when it ends
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter would complain at its end
     return True

@@ -1,8 +1,8 @@
-"""What verbs write: types of their options, and that no result replaces another's without --overwrite.
+"""Outputs of verbs: types of their options, and the rule that no result is replaced without --overwrite.
 
-A result is what a verb is there to write (`ResultFile`, `ResultFolder`): it is replaced by the same verb with the same
-options and inputs alone (models/files/made.py). Pictures, reports, figures and recordings beside it (`OutputFile`) can
-be drawn again: they replace files of their own kind. Nothing but a result replaces what the verb reads.
+A result is a verb's main output (`ResultFile`, `ResultFolder`): only the same verb with the same options and inputs
+replaces it (models/files/made.py). Additional pictures, reports, figures and recordings (`OutputFile`) can be made
+again: they replace files of their own kind. Only a result may replace an input of the verb.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import click
 from models.console import OUTPUT_KEY, STANDARD_OUTPUT
 from models.errors import BadInput
 
-OVERWRITE_KEY, EFFECTS_KEY = "cuelab.overwrite", "cuelab.effects"  # of the context
-# Options that change nothing of a result, or name places that fill up beside it.
+OVERWRITE_KEY, EFFECTS_KEY = "cuelab.overwrite", "cuelab.effects"  # keys of the click context
+# Options that do not change a result, or name additional outputs.
 WITHOUT_EFFECT = {"jobs", "scheduler", "live", "web", "yes", "log", "films", "accept_camera", "preview"}
-PORT = "port"  # of a launcher: what was measured there cannot be made again
+PORT_OPTION = "port"  # of a launcher: a measurement there cannot be made again
 
 
 class OutputFile(click.ParamType[Path, str]):
-    """A file to write: refused before the work if it could not be written after it."""
+    """A file to write, which is checked before the work starts."""
 
     name = "file"
 
@@ -36,17 +36,17 @@ class OutputFile(click.ParamType[Path, str]):
         """Check that its folder exists."""
         path = Path(value)
         if not path.resolve().parent.is_dir():
-            raise BadInput(f"{path}: its folder does not exist; make it or choose another place")
+            raise BadInput(f"{path}: its folder does not exist; create it or choose another place")
         if path.is_dir():
             raise BadInput(f"{path}: is a folder; name a file")
         return path
 
 
 class JsonFile(OutputFile):
-    """A file to write, or - for standard output, which then holds nothing else: tables go to standard error."""
+    """A file to write, or - for standard output; tables then go to standard error."""
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Check that its folder exists, or make way on standard output."""
+        """Check that its folder exists, or reserve standard output."""
         if str(value) != STANDARD_OUTPUT or ctx is None:
             return super().convert(value, param, ctx)
         if OUTPUT_KEY not in ctx.meta:
@@ -56,25 +56,25 @@ class JsonFile(OutputFile):
 
 
 class ResultFile(OutputFile):
-    """The file that a verb is there to write."""
+    """The main output file of a verb."""
 
 
 class ResultFolder(click.ParamType[Path, str]):
-    """The folder that a verb is there to write.
+    """The main output folder of a verb.
 
     Args:
-        writes: what it writes there, by patterns; a folder with none of it is taken as it is.
-        joined: parameters whose results join those that are there, so that they may differ.
+        writes: patterns of the files written there; a folder without any of these is accepted.
+        joined: parameters whose results are added to existing ones, so that they may differ.
     """
 
     name = "path"
 
     def __init__(self, *writes: str, joined: Sequence[str] = ()) -> None:
-        """Nothing is looked at yet."""
+        """Create the type; nothing is checked yet."""
         self.writes, self.joined = writes, joined
 
     def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """A path, whatever is there."""
+        """Any path, whether it exists or not."""
         return Path(value)
 
 
@@ -83,20 +83,20 @@ def _note_overwrite(ctx: click.Context, param: click.Parameter, asked: bool) -> 
 
 
 def overwrite_option() -> click.Option:
-    """Given to every verb that has a result."""
+    """The option --overwrite, which every verb with a result has."""
     return click.Option(
         ["--overwrite"], is_flag=True, expose_value=False, callback=_note_overwrite,
-        help="Replace a result that another command, or other input, has made.",
+        help="Replace a result of another command or other input.",
     )  # fmt: skip
 
 
 def has_result(verb: click.Command) -> bool:
-    """Whether a verb is there to write something."""
+    """Whether a verb has a main output."""
     return any(isinstance(param.type, ResultFile | ResultFolder) for param in verb.params)
 
 
 def keeping_results(verb: click.Command) -> Callable[..., Any] | None:
-    """The verb's function, which is called once nothing that it writes replaces what it should not."""
+    """The verb's function with a check that its outputs replace nothing that they should not."""
     inner = verb.callback
     if inner is None:
         return None
@@ -111,7 +111,7 @@ def keeping_results(verb: click.Command) -> Callable[..., Any] | None:
 
 @contextlib.contextmanager
 def _checked(ctx: click.Context) -> Iterator[None]:
-    """Results inside are marked with their origin; BadInput where one would replace what it should not."""
+    """Within this context results are marked with their origin; BadInput if one would replace a foreign file."""
     given = [(param, ctx.params.get(str(param.name))) for param in ctx.command.params]
     outputs = [(p, v) for p, v in given if isinstance(p.type, OutputFile) and isinstance(v, Path)]
     results = [v for p, v in outputs if isinstance(p.type, ResultFile)]
@@ -128,7 +128,7 @@ def _checked(ctx: click.Context) -> Iterator[None]:
 
     joined = {name for kind, _ in folders for name in kind.joined}
     values = [(p.name, v) for p, v in given if _counts(p) and p.name not in joined]
-    once = [uuid.uuid4().hex] if ctx.params.get(PORT) else []
+    once = [uuid.uuid4().hex] if ctx.params.get(PORT_OPTION) else []
     command = ctx.command_path.replace("python -m ", "")
     origin = Origin(command, digest([command, *sorted(values, key=str), ctx.meta.get(EFFECTS_KEY, ()), *once]))
     if not ctx.meta.get(OVERWRITE_KEY):
@@ -141,7 +141,7 @@ def _checked(ctx: click.Context) -> Iterator[None]:
 
 
 def _real(path: Path) -> str:
-    """Where a path leads; "" for what is no file name."""
+    """The real path; "" for an invalid file name."""
     try:
         return os.path.realpath(path)
     except (OSError, ValueError):
@@ -149,26 +149,26 @@ def _real(path: Path) -> str:
 
 
 def _counts(param: click.Parameter) -> bool:
-    """Whether a parameter is part of what a result is made from."""
+    """Whether a parameter is part of a result's origin."""
     return not isinstance(param.type, OutputFile | ResultFolder) and str(param.name) not in WITHOUT_EFFECT
 
 
 def _paths(param: click.Parameter, value: Any) -> list[Path]:
-    """Files that a parameter names to be read."""
+    """The input files named by a parameter."""
     values = value if isinstance(value, list | tuple) else [value]
     return [path for path in values if isinstance(path, Path)] if _counts(param) else []
 
 
 def _check_beside(param: click.Parameter, path: Path, read: set[str]) -> None:
-    """BadInput where a picture, report, recording or figures would replace what is read, or a file of another kind."""
-    if isinstance(param, click.Argument) or not path.is_file():  # it continues what is there
+    """Raise BadInput if an additional output would replace an input, or a file of another kind."""
+    if isinstance(param, click.Argument) or not path.is_file():  # it continues an existing file
         return
     place = Path(os.path.realpath(path))
     if read & {str(place), *map(str, place.parents)}:
-        raise BadInput(f"{param.opts[0]} {path}: is what this command reads; name another file")
+        raise BadInput(f"{param.opts[0]} {path}: is an input of this command; name another file")
     named = "FILE.json" if isinstance(param.type, JsonFile) else str(param.metavar)
     kinds = [suffix for name in named.split("|") if (suffix := Path(name).suffix)]
     if kinds and path.suffix.lower() not in kinds:
         kind = " or ".join(kinds)
-        text = f"{param.opts[0]} {path}: is there already and its name does not end in {kind}; name another file"
+        text = f"{param.opts[0]} {path}: already exists and its name does not end in {kind}; name another file"
         raise BadInput(text)

@@ -1,4 +1,4 @@
-"""What all commands print and write: exit statuses, progress, tables, JSON files that are whole or absent."""
+"""Output of all commands: exit statuses, progress, tables, and JSON files that are complete or absent."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from models.files import write_whole
 if TYPE_CHECKING:
     from models.model_file import Model
 
-STANDARD_OUTPUT = "-"  # as a file to write
-OUTPUT_KEY = "models.standard_output"  # of a click context: where that is, while tables are printed elsewhere
-CONTINUED_INDENT = "  "  # before a row of a table whose first cell stands on the line above
-MAX_NAMED = 4  # names in a message
-PIPED_INTERVAL_S = 5.0  # between progress lines that no terminal shows
+STANDARD_OUTPUT = "-"  # name of standard output as a file to write
+OUTPUT_KEY = "models.standard_output"  # key of the click context for the real standard output
+CONTINUED_INDENT = "  "  # indent of a row whose first cell is on the line above
+MAX_NAMED = 4  # most names in a message
+PIPED_INTERVAL_S = 5.0  # interval of progress lines without a terminal
 
 
 class Status(IntEnum):
-    """Exit statuses; those of signals are 128 and the signal's number, as shells have them."""
+    """Exit statuses; those of signals are 128 plus the signal's number, as in shells."""
 
     DONE = 0
-    FINDING = 1  # that the user must act on
+    FINDING = 1  # a finding that requires action by the user
     BAD_INPUT = 2
     INTERRUPTED = 130
     BROKEN_PIPE = 141
 
 
 class Progress(logging.Handler):
-    """What is being done: on a terminal one line that is overwritten, elsewhere a line now and then, both on stderr.
+    """Progress on stderr: on a terminal one line that is overwritten, elsewhere an occasional line.
 
     Called with a line, or given to a logger as its handler.
     """
@@ -53,7 +53,7 @@ class Progress(logging.Handler):
         self.quiet = False  # whether nothing is shown
 
     def __call__(self, line: str) -> None:
-        """Show what is being done."""
+        """Show the current step."""
         now = time.monotonic()
         if self.quiet:
             return
@@ -68,13 +68,13 @@ class Progress(logging.Handler):
         self(record.getMessage())
 
     def close(self) -> None:
-        """Leave the terminal clean."""
+        """Clear the line on the terminal."""
         if self.terminal:
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 def show_progress() -> Progress:
-    """Progress that shows what the packages log, in place of any earlier one."""
+    """Show the log of the packages as progress, replacing an earlier handler."""
     shown = Progress()
     for name in ("models", "sysid", "planner", "robot"):
         log = logging.getLogger(name)
@@ -86,7 +86,7 @@ def show_progress() -> Progress:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: NaN and infinity become null, arrays' numbers Python's own."""
+    """A value for JSON: NaN and infinity become null, numbers of arrays become Python's."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
@@ -97,7 +97,7 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write a JSON file whole or not at all, or to standard output for "-"; NaN becomes null."""
+    """Write a JSON file completely or not at all, or to standard output for "-"; NaN becomes null."""
     text = json.dumps(plain(data), indent=1) + "\n"
     if str(path) == STANDARD_OUTPUT:
         output: TextIO = click.get_current_context().meta[OUTPUT_KEY]
@@ -108,7 +108,7 @@ def write_json(path: Path | str, data: Any) -> None:
 
 
 def as_called(command: str) -> str:
-    """A command line that can be pasted: its program with its folder, where the shell would not find it."""
+    """A command line that can be pasted: the program has its folder if the shell would not find it."""
     program, _, words = command.partition(" ")
     if shutil.which(program) is None:
         for beside in (Path(sys.argv[0]).with_name(program), Path(sys.executable).with_name(program)):
@@ -119,15 +119,15 @@ def as_called(command: str) -> str:
 
 
 def named(names: Sequence[str]) -> str:
-    """Names in words, the first few of many."""
+    """A list of names in words, shortened if there are many."""
     rest = len(names) - MAX_NAMED
     return ", ".join(names[:MAX_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def table(rows: Sequence[Sequence[str]], right: int = 1) -> str:
-    """Text in columns: the first `right` of them aligned left, the others right.
+    """Text in columns: the first `right` columns aligned left, the others right.
 
-    On a terminal that is narrower, the first column stands on lines of its own, and the others below it.
+    On a narrower terminal the first column is on separate lines, with the others below.
     """
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
     whole = _in_columns(rows, right)

@@ -1,7 +1,7 @@
-"""What every effect owes the workbench, shipped or a user's: each contract returns the faults it finds, one line each.
+"""The contract of every effect, shipped or a user's: each check returns its faults, one line each.
 
-A shot of each kind is played with and without the effect, and what the camera reports of it is compared to the last
-bit where the effect must change nothing; the event engine and the MuJoCo world must agree to 0.05 mm.
+Shots of each kind are played with and without the effect, and the camera's reports are compared to the last bit if the
+effect must change nothing; the event engine and the MuJoCo world must agree to 0.05 mm.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ TEST_STROKES = (  # velocity [m/s] and spin [rad/s] of the struck ball
     ((3.0, 1.4), (0.0, -40.0, 40.0)),  # draw with side, far
     ((0.02, 0.0), (0.0, 0.0, 60.0)),  # spins where it is
 )
-FEW_STROKES = 2  # of them where one comparison is enough
-MOTION_TOLERANCE_M = 1e-4  # between the event engine and MuJoCo, which steps by 1 ms, before the first impact [m]
-IMPACT_TOLERANCE_M = 0.005  # and before the second, as impacts take a time in MuJoCo [m]
+FEW_STROKES = 2  # number of strokes for a quick comparison
+MOTION_TOLERANCE_M = 1e-4  # between the event engine and MuJoCo, with steps of 1 ms, before the first impact
+IMPACT_TOLERANCE_M = 0.005  # likewise before the second impact, since impacts have a duration in MuJoCo
 Contract = Callable[[type[Effect]], list[str]]
 
 
 class Broken(Exception):
-    """An effect's own code raised an error."""
+    """An error raised by an effect's code."""
 
 
 def played(count: int = len(TEST_STROKES)) -> list[Shot]:
@@ -60,7 +60,7 @@ def played(count: int = len(TEST_STROKES)) -> list[Shot]:
 
 
 def numbers(tracks: Sequence[Track]) -> list[bytes]:
-    """Every number of every track."""
+    """All numbers of all tracks."""
     return [b"".join(a.tobytes() for a in (t.times, t.position, t.velocity, t.spin, t.theta)) for t in tracks]
 
 
@@ -73,24 +73,24 @@ def tried(kind: type[Effect], key: str) -> Array:
 
 
 def base_without(kind: type[Effect]) -> Model:
-    """The full model, without what the effect would replace."""
+    """The full model without the effects that the effect would replace."""
     model = full_model(TABLE, BALL)
     kept = [e for e in model.effects if e.name() != kind.name() and (not kind.slot or e.slot != kind.slot)]
     return dataclasses.replace(model, effects=tuple(kept))
 
 
 def switched_off(kind: type[Effect]) -> Effect:
-    """The effect with every parameter at its off value, where it has one."""
+    """The effect with every parameter at its off value, if it has one."""
     return kind(**{key: meta["off"] for key, meta in kind.parameters().items() if meta["off"] is not None})
 
 
 def declared(kind: type[Effect]) -> list[str]:
-    """Docstrings that say what it is, and parameters with unit, bounds, source and off value; nothing can be set."""
+    """Check docstrings, frozenness, and parameters with unit, bounds, source and off value."""
     faults = []
     if not (sys.modules[kind.__module__].__doc__ or "").strip():
         faults.append("the file has no docstring; state the formula, its source and what it leaves out")
-    if not kind.__doc__ or kind.__doc__.startswith(f"{kind.__name__}("):  # what dataclass writes itself
-        faults.append(f"class {kind.__name__} has no docstring; say what it is in one line")
+    if not kind.__doc__ or kind.__doc__.startswith(f"{kind.__name__}("):  # written by dataclass
+        faults.append(f"class {kind.__name__} has no docstring; describe it in one line")
     if not dataclasses.is_dataclass(kind) or not kind.__dataclass_params__.frozen:  # type: ignore[attr-defined]
         faults.append(f"class {kind.__name__} is not frozen; put @dataclass(frozen=True) above it")
     if not any(meta["off"] is not None for meta in kind.parameters().values()):
@@ -100,7 +100,7 @@ def declared(kind: type[Effect]) -> list[str]:
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             faults.append(f"{name}: bounds {low}, {high}; give two finite numbers, the lower first")
         elif not low <= meta["default"] <= high:
-            faults.append(f"{name}: default {meta['default']} lies outside {low} to {high}")
+            faults.append(f"{name}: default {meta['default']} is outside {low} to {high}")
         if meta["off"] is not None and not math.isfinite(meta["off"]):
             faults.append(f"{name}: off is {meta['off']}; give a finite number, or None if it only shapes the effect")
         if not meta["unit"].strip():
@@ -108,14 +108,14 @@ def declared(kind: type[Effect]) -> list[str]:
         published = meta.get("published")
         if published is not None and not published[0] < meta["default"] <= published[1]:
             low, high = published
-            faults.append(f"{name}: default {meta['default']} lies outside the published {low} to {high}")
+            faults.append(f"{name}: default {meta['default']} is outside the published {low} to {high}")
         if len(meta["source"]) <= 5:
-            faults.append(f"{name}: no source; say where its value and bounds come from")
+            faults.append(f"{name}: no source; state where its value and bounds come from")
     return faults
 
 
 def compiles(kind: type[Effect]) -> list[str]:
-    """Every hook compiles, for its parameters and nothing else."""
+    """Check that every hook compiles, with only its parameters."""
     found = []
     for hook in COMPILED_HOOKS:
         if kind.opens(hook):
@@ -127,20 +127,20 @@ def compiles(kind: type[Effect]) -> list[str]:
 
 
 def off_is_absent(kind: type[Effect]) -> list[str]:
-    """At its off values it is not there, to the last bit."""
+    """Check that it is absent at its off values, to the last bit."""
     without, off = base_without(kind), switched_off(kind)
     if not off.is_off():
         return ["is_off() is not true at the off values"]
     if numbers(observed(without.add(off), played(FEW_STROKES))) != numbers(observed(without, played(FEW_STROKES))):
-        return ["shots differ from those without it where every parameter is off"]
+        return ["shots with every parameter off differ from those without the effect"]
     return []
 
 
 def usual_acts(kind: type[Effect]) -> list[str]:
-    """At its default values it is on, and some shot is reported otherwise."""
+    """Check that it is on at its default values, and changes the report of some shot."""
     without, effect = base_without(kind), kind()
     if effect.is_off():
-        return ["it is off at its default values; give a default that acts"]
+        return ["it is off at its default values; give a default that has an effect"]
     seen = observed(without.add(effect), played())
     if any(not np.isfinite(t.position).all() for t in seen):
         return ["positions are not finite at its default values"]
@@ -150,7 +150,7 @@ def usual_acts(kind: type[Effect]) -> list[str]:
 
 
 def one_value_a_shot(kind: type[Effect]) -> list[str]:
-    """One value a shot, (nsim,) arrays, is the same as one shot after another, to the last bit."""
+    """Check that a batch with one value per shot equals single shots, to the last bit."""
     without, shots, faults = base_without(kind), played(FEW_STROKES), []
     for key in kind.parameters():
         values = tried(kind, key)
@@ -159,42 +159,42 @@ def one_value_a_shot(kind: type[Effect]) -> list[str]:
             alone = observed(without.add(kind(**{key: float(values[k])})), [shot])
             if numbers(together[k : k + 1]) != numbers(alone):
                 faults.append(
-                    f"{key}: shot {k} of a batch differs from the same alone; let hooks read self, and keep nothing"
+                    f"{key}: shot {k} of a batch differs from the same alone; let hooks read only self, keep no state"
                 )
     return faults
 
 
 def repeatable(kind: type[Effect]) -> list[str]:
-    """The same shot is the same again, and a pickled effect is the same effect."""
+    """Check that a repeated shot is the same, and that a pickled effect is the same effect."""
     model = base_without(kind).add(kind())
     faults = []
     if numbers(observed(model, played(1))) != numbers(observed(model, played(1))):
         faults.append("the same shot differs when played again; keep no state, draw no random numbers")
     if pickle.loads(pickle.dumps(kind())) != kind():
-        faults.append("a pickled effect comes back as another one")
+        faults.append("a pickled effect is restored as a different one")
     return faults
 
 
 def gives_way(kind: type[Effect]) -> list[str]:
-    """Added twice it is there once, and a slot holds one effect."""
+    """Check that an effect added twice is there once, and that a slot holds one effect."""
     model = full_model(TABLE, BALL).add(kind()).add(kind())
     slots = [e.slot for e in model.effects if e.slot]
     once = [e.name() for e in model.effects].count(kind.name()) == 1 and len(slots) == len(set(slots))
-    return [] if once else [f"added twice it is there twice, or its slot {kind.slot!r} is"]
+    return [] if once else [f"after adding it twice, it or its slot {kind.slot!r} is there twice"]
 
 
 def file_keeps_it(kind: type[Effect]) -> list[str]:
-    """A model file gives back what was written."""
+    """Check that a model file restores the effect."""
     effect = kind(**{key: float(tried(kind, key)[1]) for key in kind.parameters()})
     with scratch_folder() as folder:
         path = folder / "model.toml"
         write_model(full_model(TABLE, BALL).add(effect), path)
         back = next(e for e in read_model(path).effects if e.name() == kind.name())
-    return [] if back == effect else [f"a model file gives back {back} for {effect}"]
+    return [] if back == effect else [f"a model file restores {back} for {effect}"]
 
 
 def jumps_are_told(kind: type[Effect]) -> list[str]:
-    """Forces that jump along a ball's way have a horizon that says when."""
+    """Check that forces which jump along a ball's path have a `horizon` that announces it."""
     if not kind.opens("forces") or kind.opens("horizon"):
         return []
     jump = jump_of(kind(), TABLE, BALL)
@@ -203,14 +203,14 @@ def jumps_are_told(kind: type[Effect]) -> list[str]:
     s = jump.state
     where = f"x = {s.x:.4g}, y = {s.y:.4g}, speed {math.hypot(s.vx, s.vy):.4g} m/s, time {s.time:.4g} s"
     return [
-        f"forces changes ball.{jump.field} by {jump.size:.3g} at once ({where}), within a step of the event engine, so "
-        "that fits do not converge: add horizon(self, ball), which returns the time until it switches, or let it "
-        "change smoothly (models/effects/cloth/worn_patch.py has one)"
+        f"forces changes ball.{jump.field} by {jump.size:.3g} abruptly ({where}), within a step of the event engine, "
+        "so that fits do not converge: add horizon(self, ball), which returns the time until it switches, or make it "
+        "change smoothly (example: models/effects/cloth/worn_patch.py)"
     ]
 
 
 def engines_agree(kind: type[Effect]) -> list[str]:
-    """The event engine and the MuJoCo world play the same shots; nothing to compare where MuJoCo alone plays it."""
+    """Check that the event engine and the MuJoCo world agree; skipped if only MuJoCo can play the effect."""
     model, faults = base_without(kind).add(kind()), []
     if lacking(model):
         return []
@@ -224,7 +224,7 @@ def engines_agree(kind: type[Effect]) -> list[str]:
             faults.append(
                 f"shot {k}: event engine and MuJoCo differ by {1e3 * apart[0]:.3g} mm before the first impact, "
                 f"{1e3 * apart[1]:.3g} mm before the second; "
-                "let horizon say when a force jumps, and let hooks read nothing but self and the state they are given"
+                "let `horizon` announce when a force jumps, and let hooks read only self and their state"
             )
     return faults
 
@@ -236,11 +236,11 @@ CONTRACTS: dict[str, Contract] = {
         jumps_are_told, engines_agree,
     )
 }  # fmt: skip
-BASIC_CONTRACTS = ("declared", "compiles")  # without these the others say nothing new
+BASIC_CONTRACTS = ("declared", "compiles")  # if these fail, the others give no information
 
 
 def kept(kind: type[Effect], contract: str) -> list[str]:
-    """The faults of one contract; an error in the effect's own code is one."""
+    """The faults of one check, including errors in the effect's own code."""
     try:
         return _guarded(CONTRACTS[contract], kind)
     except Broken as error:
@@ -260,7 +260,7 @@ def _guarded(contract: Contract, kind: type[Effect]) -> list[str]:
 
 
 def faults(kind: type[Effect]) -> list[str]:
-    """Every fault of an effect; where its declaration is faulty or a hook does not compile, those alone."""
+    """All faults of an effect; only those of its declaration and compilation if there are any."""
     for name in BASIC_CONTRACTS:
         found = [f"{name}: {text}" for text in kept(kind, name)]
         if found or kind is Native:
@@ -269,7 +269,7 @@ def faults(kind: type[Effect]) -> list[str]:
 
 
 def check_file(path: Path | str) -> list[str]:
-    """Every fault of the effects in a user's file or folder, each with its effect's name."""
+    """All faults of the effects in a user's file or folder, each with its effect's name."""
     return [f"{name}: {text}" for name in add_folder(path) for text in faults(effect_class(name))]
 
 
@@ -277,7 +277,7 @@ LISTED_HOOKS = ("edit", "forces", "impact", "strike", "exposures", "observe")
 
 
 def described(kind: type[Effect]) -> dict[str, Any]:
-    """What an effect says of itself: name, hooks, slot, what it is, its formula's first sentence, its parameters."""
+    """The description of an effect: name, hooks, slot, title, first sentence of the formula, parameters."""
     module = sys.modules[kind.__module__]
     says, _, rest = (module.__doc__ or kind.__doc__ or "").strip().partition("\n\n")
     formula = re.split(r"(?<=[^.]\.)\s", " ".join(rest.split()), maxsplit=1)[0]

@@ -1,10 +1,10 @@
-"""Shots from Python: `models.simulate`, for whole shots or for one stroke of the cue ball.
+"""The Python interface `models.simulate`, for whole shots or for one stroke of the cue ball.
 
-In: a `Model`, or a result that has one (`.model`), and shots, or a stroke. Out: `SimulatedShot`s: tracks that
-print, plot themselves and become data frames.
+In: a `Model`, or a result with one (`.model`), and shots, or a stroke. Out: `SimulatedShot`s: tracks that print, plot
+and convert to data frames.
 
 A stroke gives the ball speed V along its azimuth and the spin 5 c V / (2 R^2) of its contact offset c (Robotic
-Billiards 2015, equations 1a and 1b); with the cue inclined by E the sidespin comes with its sine along the azimuth.
+Billiards 2015, equations 1a and 1b); a cue inclined by E adds its sine times the sidespin along the azimuth.
 Squirt and hop are effects of the model.
 """
 
@@ -28,17 +28,17 @@ from models.sheet import Picture, Presented, Sheet
 from models.shot import Array, Ball, Shot, Track
 from models.simulation.simulate import simulate as simulate_shots
 
-MAX_STROKE_S = 40.0  # how long a stroke is played; a ball at 10 m/s rolls some 25 s
-STROKE_PERIOD_S = 1 / 120  # between the samples of a stroke
-MAX_SPEED_M_S = 30.0  # of a ball, beyond any cue's; as in a clip set's commands
+MAX_STROKE_S = 40.0  # longest duration of a stroke; a ball at 10 m/s rolls some 25 s
+STROKE_PERIOD_S = 1 / 120  # sampling interval of a stroke
+MAX_SPEED_M_S = 30.0  # largest ball speed, beyond any cue's, as for a clip set's commands
 CUE_BALL_NAMES = ("cue", "white")
-PLAYED = "played"  # mark of compiled code that plays shots
-REST_MOTION_M = 1e-6  # from the last place, within which a ball rests
+COMPILED_MARK = "played"  # mark of compiled code for playing shots
+REST_MOTION_M = 1e-6  # a ball within this distance of its last place rests
 SPIN_NAMES = ("wx", "wy", "wz")
 
 
 class HasModel(Protocol):
-    """A result that a model belongs to: of `sysid.fit`, of `sysid.discover`."""
+    """A result with a model, as of `sysid.fit` or `sysid.discover`."""
 
     @property
     def model(self) -> Model:
@@ -46,18 +46,18 @@ class HasModel(Protocol):
 
 
 def model_of(given: Model | HasModel) -> Model:
-    """A model, or that of a result."""
+    """The model itself, or that of a result."""
     return given if isinstance(given, Model) else given.model
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SimulatedShot(Presented, Track):
-    """A track with the model that it was played in."""
+    """A track together with its model."""
 
     model: Model = dataclasses.field(kw_only=True)
 
     def sheet(self) -> Sheet:
-        """Every ball's way in a row; the data frame has every sample."""
+        """A table with the path of every ball; the data frame has every sample."""
         met = Counter(name for event in self.events for name in event.balls)
         fell = {event.balls[0] for event in self.events if event.kind == "pocket"}
         rows = []
@@ -72,7 +72,7 @@ class SimulatedShot(Presented, Track):
         return Sheet(self._samples(), heads, tuple(rows), (f"{self.times[-1] - self.times[0]:.2f} s of a shot",))
 
     def _samples(self) -> dict[str, Any]:
-        """Every sample of every ball, ball after ball."""
+        """A data frame of every sample, ball after ball."""
         n = len(self.times)
         found: dict[str, Any] = {
             "ball": np.repeat(np.array(self.names), n),
@@ -84,7 +84,7 @@ class SimulatedShot(Presented, Track):
         return found
 
     def plot(self) -> Picture:
-        """The table from above with the balls' ways; rings where they end."""
+        """Draw the table from above with the balls' paths, and rings at their ends."""
         from models.palette import ball_colour
         from models.report.axes import circle, draw_table, rgb
         from models.report.figure import FIGURE_WIDTH_IN
@@ -123,8 +123,8 @@ def stroke_shot(
         azimuth: of its direction, counter-clockwise from +x [rad].
         side: of the contact point, to the right as the player sees it [m].
         height: of the contact point, above the centre as seen along the cue [m].
-        elevation: of the cue [rad]; what is struck beside its middle then swerves.
-        balls: places by name [m]. By default a cue ball alone, on the middle of the -x half.
+        elevation: of the cue [rad]; a ball struck off its middle then swerves.
+        balls: positions by name [m]; by default a single cue ball in the middle of the -x half.
         struck: the ball that the cue strikes; by default the one called cue or white, or the only one.
 
     Raises:
@@ -147,7 +147,7 @@ def stroke_shot(
 
 
 def _struck_of(names: tuple[str, ...], struck: str | None) -> str:
-    """The ball to be struck, of those that lie there."""
+    """The ball to be struck, among those on the table."""
     if struck is not None:
         if struck not in names:
             meant = closest(struck, names)
@@ -157,18 +157,18 @@ def _struck_of(names: tuple[str, ...], struck: str | None) -> str:
     known = [name for name in CUE_BALL_NAMES if name in names]
     if not known and len(names) > 1:
         raise BadInput(
-            f"none of the balls {listed(names)} is called cue or white: say which is struck, struck={names[0]!r}"
+            f"none of the balls {listed(names)} is called cue or white: name the struck one, as in struck={names[0]!r}"
         )
     if not known:
         raise BadInput(
-            f"balls hold {names[0]!r} alone, which is no cue ball: place the cue ball beside it, such as "
-            f'"cue": (-0.5, 0.0), or strike it itself, struck={names[0]!r}'
+            f"balls has only {names[0]!r}, which is not a cue ball: add the cue ball, such as "
+            f'"cue": (-0.5, 0.0), or strike that ball itself, struck={names[0]!r}'
         )
     return known[0]
 
 
 def _check_stroke(speed: float, azimuth: float, side: float, height: float, elevation: float, ball: Ball) -> None:
-    """BadInput for numbers that no cue gives."""
+    """Raise BadInput for numbers that no cue can give."""
     for name, value in (("azimuth", azimuth), ("side", side), ("height", height)):
         if not math.isfinite(value):
             raise BadInput(f"{name} is {value}: give a finite number")
@@ -184,7 +184,7 @@ def _check_stroke(speed: float, azimuth: float, side: float, height: float, elev
 
 
 def _check_values(model: Model) -> None:
-    """BadInput for a constant outside its bounds."""
+    """Raise BadInput for a constant outside its bounds."""
     for name, value in model.parameters().items():
         meta = model.meta(name)
         low, high = meta["bounds"]
@@ -196,7 +196,7 @@ def _check_values(model: Model) -> None:
 
 
 def _check_speeds(shots: Sequence[Shot]) -> None:
-    """BadInput for a ball that is faster than any can be."""
+    """Raise BadInput for a ball that is faster than possible."""
     for k, shot in enumerate(shots):
         speeds = np.hypot(*np.asarray(shot.velocity, float).T) if np.ndim(shot.velocity) == 2 else np.zeros(0)
         if speeds.size and float(np.nanmax(speeds)) > MAX_SPEED_M_S:
@@ -219,29 +219,29 @@ def simulate(
     """Play shots, or one stroke until all balls rest.
 
     Args:
-        model: a model, or a result that has one.
-        shots: what is played, with the options of `models.simulation.simulate.simulate`; a track for each comes back.
+        model: a model, or a result with one.
+        shots: shots to play, with the options of `models.simulation.simulate.simulate`; a track is returned for each.
         options: without shots those of a stroke, see `stroke_shot`: speed [m/s], azimuth [rad], side and height of the
-            contact point [m], elevation of the cue [rad], balls by name [m], struck. Its one track comes back.
+        contact point [m], elevation of the cue [rad], balls by name [m], struck. A single track is returned.
 
     Raises:
-        BadInput: a constant outside its bounds, a speed beyond reason, a ball to strike that is not there.
+        BadInput: a constant outside its bounds, an impossible speed, or a missing ball to strike.
     """
     own = model_of(model)
     _check_values(own)
     wanted = [stroke_shot(own, **options)] if shots is None else shots
     _check_speeds(wanted)
-    note_compiling(PLAYED)
+    note_compiling(COMPILED_MARK)
     played = simulate_shots(own, wanted) if shots is None else simulate_shots(own, wanted, **options)
-    set_ready(PLAYED)
+    set_ready(COMPILED_MARK)
     found = [SimulatedShot(**vars(track), model=own) for track in played]
     return until_rest(found[0]) if shots is None else found
 
 
 def until_rest(played: SimulatedShot) -> SimulatedShot:
-    """The track up to where all balls rest."""
+    """The track until all balls rest."""
     away = np.nan_to_num(np.abs(played.position - _last_places(played.position)).max(axis=2)).max(axis=1)
-    gone = np.isfinite(played.position[..., 0]).sum(axis=1)  # a ball that is still to fall moves
+    gone = np.isfinite(played.position[..., 0]).sum(axis=1)  # a ball that will fall is still moving
     moving = np.flatnonzero((away > REST_MOTION_M) | (gone > gone[-1]))
     end = min(int(moving[-1]) + 2, len(played.times)) if moving.size else 1
     cut = {name: getattr(played, name)[:end] for name in ("times", "position", "velocity", "spin", "theta")}
@@ -249,6 +249,6 @@ def until_rest(played: SimulatedShot) -> SimulatedShot:
 
 
 def _last_places(position: Array) -> Array:
-    """The last place where each ball was seen, of (n, nball, 2): (nball, 2) [m]."""
+    """The last known position of each ball in (n, nball, 2): (nball, 2) [m]."""
     last = np.array([np.flatnonzero(np.isfinite(position[:, k, 0]))[-1] for k in range(position.shape[1])])
     return np.asarray(position[last, np.arange(position.shape[1])])

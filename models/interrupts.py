@@ -1,9 +1,9 @@
-"""Ends from outside: signals and a lost terminal act as Ctrl-C does, and workers end with the process they work for.
+"""External interrupts: signals and a lost terminal act like Ctrl-C, and workers end with their parent process.
 
-In: SIGTERM, SIGHUP, SIGQUIT (Ctrl-\\), the end of a parent process, work that nobody waits for any more. Out:
-`Terminated`, which is a KeyboardInterrupt, so that whatever keeps finished work after Ctrl-C keeps it then too;
-`Abandoned`, in a worker. SIGKILL and a full memory leave no time for anything: what must survive them is written as
-soon as it is known, and a worker sees the pipe from its parent close.
+In: SIGTERM, SIGHUP, SIGQUIT (Ctrl-\\), the end of a parent process, work whose result is no longer needed. Out:
+`Terminated`, a KeyboardInterrupt, so that code which keeps finished work after Ctrl-C also keeps it then; `Abandoned`,
+in a worker. SIGKILL and a lack of memory cannot be handled: data that must survive them are written immediately, and
+a worker notices that the pipe from its parent closes.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from contextvars import ContextVar
 from types import FrameType, TracebackType
 
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-SIGNAL_STATUS = 128  # and the number of a signal: the exit status that shells give
-AGAIN_AFTER_S = 0.01  # an interrupt that was dropped
-Dropped = list[tuple[KeyboardInterrupt, threading.Timer]]  # interrupts, and what sends them again
+SIGNAL_STATUS = 128  # plus the number of a signal: the exit status in shells
+AGAIN_AFTER_S = 0.01  # time after which a dropped interrupt is sent again
+Dropped = list[tuple[KeyboardInterrupt, threading.Timer]]  # interrupts, and the timers that send them again
 
 
 class Terminated(KeyboardInterrupt):
-    """A signal that asks the process to end."""
+    """A signal that requests the end of the process."""
 
     def __init__(self, number: int) -> None:
         """Note the signal."""
@@ -41,10 +41,10 @@ def terminate(number: int, at: FrameType | None = None) -> None:
 
 @contextlib.contextmanager
 def as_interrupts() -> Iterator[None]:
-    """Signals that end a process raise `Terminated` inside; those that are ignored, as by nohup, stay ignored.
+    """Within this context signals that end a process raise `Terminated`; ignored ones, as by nohup, stay ignored.
 
-    An interrupt in the midst of an import is raised in place of what Python and compiled modules wrap it in. One that
-    they print and drop is not lost: where the module then fails, it is raised; elsewhere it comes once more.
+    An interrupt during an import is raised instead of the exceptions in which Python and compiled modules wrap it. One
+    that they print and drop is not lost: if the module then fails, it is raised; otherwise it is sent again.
     """
     before = {}
     usual_hooks = sys.unraisablehook, sys.excepthook
@@ -80,7 +80,7 @@ def _interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
 
 
 def _unraisable(dropped: Dropped, unraisable: sys.UnraisableHookArgs) -> None:
-    """What falls into a finaliser or a callback of C; an interrupt comes again."""
+    """Hook for exceptions in finalisers or C callbacks; an interrupt is sent again."""
     if isinstance(unraisable.exc_value, KeyboardInterrupt):
         _come_again(dropped, unraisable.exc_value)
     else:
@@ -88,7 +88,7 @@ def _unraisable(dropped: Dropped, unraisable: sys.UnraisableHookArgs) -> None:
 
 
 def _printed(dropped: Dropped, kind: type[BaseException], error: BaseException, at: TracebackType | None) -> None:
-    """What a compiled module prints and drops; an interrupt comes again."""
+    """Hook for exceptions that a compiled module prints and drops; an interrupt is sent again."""
     if isinstance(error, KeyboardInterrupt):
         _come_again(dropped, error)
     else:
@@ -104,7 +104,7 @@ def _come_again(dropped: Dropped, stop: KeyboardInterrupt) -> None:
 
 
 class Abandoned(BaseException):
-    """Nobody waits any more for what this thread computes."""
+    """The result of this thread is no longer needed."""
 
 
 _is_abandoned: ContextVar[Callable[[], bool] | None] = ContextVar("is_abandoned", default=None)
@@ -112,7 +112,7 @@ _is_abandoned: ContextVar[Callable[[], bool] | None] = ContextVar("is_abandoned"
 
 @contextlib.contextmanager
 def given_up_when(is_abandoned: Callable[[], bool]) -> Iterator[None]:
-    """Work inside ends at the next `go_on` once nobody waits for it any more, or for what it is a part of."""
+    """Within this context work ends at the next `go_on` once it, or the work of which it is a part, is abandoned."""
     outer = _is_abandoned.get() or (lambda: False)
     token = _is_abandoned.set(lambda: is_abandoned() or outer())
     try:
@@ -124,14 +124,14 @@ def given_up_when(is_abandoned: Callable[[], bool]) -> Iterator[None]:
 
 
 def go_on() -> None:
-    """Raise `Abandoned` where nobody waits for this work any more; long work calls it now and then."""
+    """Raise `Abandoned` if this work is no longer needed; long work calls it from time to time."""
     is_abandoned = _is_abandoned.get()
     if is_abandoned is not None and is_abandoned():
         raise Abandoned
 
 
 def work_for_parent() -> None:
-    """Make this process a worker: Ctrl-C and Ctrl-\\ are left to its parent, and it ends as soon as that is gone."""
+    """Make this process a worker, which ignores Ctrl-C and Ctrl-\\ and ends with its parent."""
     for number in (signal.SIGINT, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -140,5 +140,5 @@ def work_for_parent() -> None:
 def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        parent.join()  # a pipe that closes when the parent ends, however it ends
+        parent.join()  # a pipe that closes when the parent ends for any reason
     os._exit(SIGNAL_STATUS + signal.SIGTERM)

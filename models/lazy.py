@@ -1,4 +1,4 @@
-"""Names that a package offers and loads on first use, so that importing it is quick and compiles nothing (PEP 562)."""
+"""Lazy loading of a package's public names, so that importing it is quick and compiles nothing (PEP 562)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def lazy(package: str, sources: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a package.
+    """The functions `__getattr__` and `__dir__` for a package.
 
     Args:
         package: its name.

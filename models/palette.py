@@ -1,6 +1,6 @@
 """Colours on the screen, on paper and in MuJoCo: the table, the balls by their names, the model.
 
-Balls of pool go by their numbers; a stripe has the colour of its stripe.
+Pool balls are known by their numbers; a striped ball has the colour of its stripe.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ SCREEN_COLOURS: Mapping[str, Colour] = {
     "purple": (110, 60, 170),
     "maroon": (130, 40, 30),
 }
-POOL_COLOURS = ("yellow", "blue", "red", "purple", "orange", "green", "maroon", "black")  # of 1 to 8, of 9 to 15 again
+POOL_COLOURS = ("yellow", "blue", "red", "purple", "orange", "green", "maroon", "black")  # of balls 1 to 8, and 9 to 15
 POOL_NUMBER = re.compile(r"(?:ball|solid|stripe|stripes|solids)?[ _-]*0*(\d{1,2})(?:[ _-]*ball)?")
 NUMBER_WORDS = ("one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-INK_BRIGHTNESS = (90.0, 165.0)  # of lines that show on black and on white
+INK_BRIGHTNESS = (90.0, 165.0)  # range of lines that are visible on black and on white
 OTHER_COLOURS = ((255, 127, 14), (148, 103, 189), (188, 189, 34), (120, 60, 120), (140, 160, 255), (160, 200, 160))
 
 
 def ball_colour(name: str) -> Colour:
-    """The colour that a ball's name starts with (`red_07` is red), that of its number in pool, or always the same."""
+    """The colour at the beginning of a ball's name (`red_07` is red), that of its pool number, or a default."""
     if (number := pool_number(name)) is not None:
         return SCREEN_COLOURS[POOL_COLOURS[(number - 1) % len(POOL_COLOURS)]]
     other = OTHER_COLOURS[hashlib.sha256(name.encode()).digest()[0] % len(OTHER_COLOURS)]
@@ -44,7 +44,7 @@ def ball_colour(name: str) -> Colour:
 
 
 def pool_number(name: str) -> int | None:
-    """The number of a ball of pool, by names such as 8, ball 8, 8 ball and eight; None for other names."""
+    """The number of a pool ball with a name such as 8, ball 8, 8 ball or eight; None for other names."""
     plain = name.strip().lower()
     word = plain.removeprefix("ball").removesuffix("ball").strip(" _-")
     if word in NUMBER_WORDS:
@@ -54,7 +54,7 @@ def pool_number(name: str) -> int | None:
 
 
 def ink(colour: Colour) -> Colour:
-    """The colour of a ball's curves: its own, darkened or lightened until it shows on black and on white."""
+    """The colour of a ball's curves: its own, darkened or lightened until it is visible on black and on white."""
     brightness = 0.299 * colour[0] + 0.587 * colour[1] + 0.114 * colour[2]
     least, most = INK_BRIGHTNESS
     factor, more = min(1.0, most / max(brightness, 1.0)), max(0.0, least - brightness)

@@ -6,8 +6,8 @@ The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (models/pocket_sh
 by 44 in that makers sell besides, for homes and leagues: twice as long as wide, as the BCA asks (Equipment
 Specifications), which names no inches for 8 ft. Its pockets are taken to be the WPA's.
 Carom: UMB, World Rules, chapter 1: 2.84 by 1.42 m, balls of 61 to 61.5 mm and 205 to 220 g.
-Left out: smaller tables of snooker. The rules define the full size alone, and makers differ by inches: 10 ft is 3.05 by
-1.52 m as guides name it, and 2.97 by 1.48 m in the proportion of the full-size table to its 12 ft.
+Left out: smaller snooker tables. The rules define only the full size, and makers differ by inches: 10 ft is 3.05 by
+1.52 m in guides, and 2.97 by 1.48 m in proportion to the full-size table's 12 ft.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BALL_GAMES: Mapping[str, Ball] = {"snooker": SNOOKER_BALL, "pool": POOL_BALL, "c
 
 @dataclass(frozen=True)
 class TableSet:
-    """A table and the balls that are played on it."""
+    """A table and its balls."""
 
     table: Table
     ball: Ball
@@ -63,7 +63,7 @@ MIN_LENGTH_M, MAX_LENGTH_M, MIN_WIDTH_M, MAX_WIDTH_M = 0.3, 6.0, 0.2, 3.0
 
 
 def find_table(text: str) -> TableSet | Table:
-    """A table and its balls by name, or a table by its size, such as 1.881x0.943; BadInput names what is near.
+    """A table and its balls by name, or a table by its size, such as 1.881x0.943; BadInput names similar ones.
 
     Names may be written in capitals, without spaces, and those of pool without "pool": 8ft is "pool 8 ft".
     """
@@ -77,10 +77,10 @@ def find_table(text: str) -> TableSet | Table:
     near = get_close_matches(_plain(text), by_plain, 1, cutoff=0.75)
     feet = re.search(r"\d+", text)
     if near and (feet is None or feet[0] in near[0]):
-        raise BadInput(f'{text}: is no table known here; did you mean "{by_plain[near[0]]}"?')
+        raise BadInput(f'{text}: is not a known table; did you mean "{by_plain[near[0]]}"?')
     if "snooker" in text.lower() and feet is not None:
         raise BadInput(
-            f"{text}: the rules of snooker define the full size of 12 ft alone, and makers differ; measure yours from "
+            f"{text}: the rules of snooker define only the full size of 12 ft, and makers differ; measure yours from "
             "nose to nose and give that in metres: 10 ft is about 2.97x1.48, with balls of 0.0525"
         )
     if "tournament" in text.lower():
@@ -89,17 +89,17 @@ def find_table(text: str) -> TableSet | Table:
             'others that are sold as such 88 by 44 in, "pool 8 ft home": measure yours, and give one of these'
         )
     raise BadInput(
-        f"{text}: is no table known here; give one of {', '.join(TABLE_SETS)}, or length and width from nose to nose "
+        f"{text}: is not a known table; give one of {', '.join(TABLE_SETS)}, or length and width from nose to nose "
         "in metres, such as 1.881x0.943"
     )
 
 
 def named_table(entries: Mapping[str, Any], place: Place) -> Mapping[str, Any]:
-    """A file's entries; a name as its `table` stands for [table], and for what [ball] does not say.
+    """A file's entries, in which a name as `table` is replaced by [table], and by missing entries of [ball].
 
     Args:
         entries: of the file's top level.
-        place: where the fault of a name that is not known goes.
+        place: receives the fault of an unknown name.
     """
     name = entries.get("table")
     if not isinstance(name, str):
@@ -118,14 +118,14 @@ def named_table(entries: Mapping[str, Any], place: Place) -> Mapping[str, Any]:
 
 
 def usual_mass(diameter: float) -> tuple[float, str]:
-    """Mass of a ball of a size [kg], as dense as the ball of a game that is nearest in size, and that game."""
+    """Mass of a ball [kg] with the density of the game's ball nearest in size, and that game."""
     name = min(BALL_GAMES, key=lambda game: abs(BALL_GAMES[game].diameter - diameter))
     ball = BALL_GAMES[name]
     return ball.mass * (diameter / ball.diameter) ** 3, name
 
 
 def _plain(name: str) -> str:
-    """A name without capitals, signs and ways to write feet."""
+    """A name in lowercase, without signs and units of feet."""
     return re.sub(r"foot|feet|'", "ft", re.sub(r"[\s_.-]", "", name.lower()))
 
 

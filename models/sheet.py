@@ -1,6 +1,6 @@
-"""Results as short tables: printed, shown in a notebook, turned into a data frame.
+"""Results as short tables: printed, displayed in a notebook, or converted to a data frame.
 
-In: what a result says of itself (`Sheet`). Out: text, HTML, a data frame of pandas or Polars; nothing is computed here.
+In: a result's `Sheet`. Out: text, HTML, or a data frame of pandas or Polars; nothing is computed here.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from typing import Any
 from models.console import table
 from models.errors import BadInput, one_line
 
-FRAME_LIBRARIES = ("pandas", "polars")  # in the order in which they are taken
+FRAME_LIBRARIES = ("pandas", "polars")  # in order of preference
 PNG_DPI = 150
 NO_FRAME_REMEDY = "a data frame needs pandas or Polars, and neither is installed: pip install pandas"
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A short table for people, and the columns behind it."""
+    """A short table for display, and the columns of the data frame."""
 
     columns: Mapping[str, Sequence[Any]]  # of the data frame: values in SI, by name
-    heads: tuple[str, ...]  # of the table that is shown
+    heads: tuple[str, ...]  # column heads of the displayed table
     rows: tuple[tuple[str, ...], ...]
-    lines: tuple[str, ...] = ()  # words above it
+    lines: tuple[str, ...] = ()  # text above the table
 
     def text(self) -> str:
         """Lines and table for a terminal."""
@@ -37,7 +37,7 @@ class Sheet:
         return "\n".join([*self.lines, *shown])
 
     def html(self) -> str:
-        """The same for a notebook."""
+        """Lines and table as HTML for a notebook."""
         words = "<br>".join(escape(one_line(line)) for line in self.lines)
         heads = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
         rows = ["".join(f"<td>{escape(one_line(cell))}</td>" for cell in row) for row in self.rows]
@@ -47,7 +47,7 @@ class Sheet:
 
 
 def frame_of(columns: Mapping[str, Sequence[Any]]) -> Any:
-    """Columns as a data frame of pandas, or of Polars where only that is installed; BadInput where neither is."""
+    """Columns as a data frame of pandas, or of Polars if only that is installed; BadInput if neither is."""
     found = next((name for name in FRAME_LIBRARIES if find_spec(name)), None)
     if found is None:
         raise BadInput(NO_FRAME_REMEDY)
@@ -55,17 +55,17 @@ def frame_of(columns: Mapping[str, Sequence[Any]]) -> Any:
 
 
 class Presented:
-    """A result that prints as a short table, and becomes a data frame."""
+    """A result that prints as a short table and converts to a data frame."""
 
     def sheet(self) -> Sheet:
-        """What it says of itself."""
+        """The sheet of the result."""
         raise NotImplementedError
 
     def frame(self) -> Any:
-        """A data frame of pandas, or of Polars where only that is installed.
+        """A data frame of pandas, or of Polars if only that is installed.
 
         Raises:
-            BadInput: where neither is.
+            BadInput: if neither is installed.
         """
         return frame_of(self.sheet().columns)
 
@@ -82,11 +82,11 @@ class Presented:
 
 @dataclass(frozen=True, repr=False)
 class Picture:
-    """A figure, which a notebook shows and which is saved as SVG or PNG."""
+    """A figure that a notebook displays, and that can be saved as SVG or PNG."""
 
     name: str
     height: float  # [inch]
-    draw: Callable[[Any], None]  # into a figure of matplotlib
+    draw: Callable[[Any], None]  # draws into a matplotlib figure
 
     @cached_property
     def svg(self) -> str:
@@ -96,7 +96,7 @@ class Picture:
         return svg(self.name, self.height, self.draw)
 
     def save(self, path: Path | str) -> None:
-        """Write the figure, whole or not at all, as SVG or PNG by its name; BadInput where it cannot be written."""
+        """Write the figure as SVG or PNG, by its suffix, completely or not at all; BadInput if it cannot be written."""
         from models.files import write_whole
         from models.report.figure import png
 
@@ -110,5 +110,5 @@ class Picture:
         return self.svg.replace("<svg ", '<svg style="max-width:100%;height:auto" ', 1)
 
     def __repr__(self) -> str:
-        """What it is, not its text."""
+        """A short description instead of the SVG text."""
         return f"<picture: {self.name}; .save(file.png) or .save(file.svg)>"

@@ -1,12 +1,12 @@
-"""Forces that jump along a ball's way: where, of an effect whose `horizon` does not say when.
+"""Search for forces that jump along a ball's path without an announcement by the effect's `horizon`.
 
 In: an effect. Out: a state at which its compiled `forces` jump, if one is met.
 
-The event engine takes steps along a ball's way that its error estimate allows, as for a force that varies smoothly; it
-ends a step where `horizon` says. A jump within a step is an error that depends on where the steps happen to end: shots
-are off by it, and derivatives of a fit are noise. So ways are laid through all that a state holds. Where the forces
-change most from point to point of one, the interval is halved, always keeping the half that changes more: what stays as
-its length goes to nothing is a jump. Leaves out jumps that no way meets, such as those within a very small place.
+The event engine takes steps as its error estimate allows for smooth forces, and ends a step where `horizon` says. A
+jump within a step is an error that depends on where the steps happen to end: it falsifies shots, and makes derivatives
+of a fit noise. So paths are drawn through the space of states. Where the forces change most between two points of a
+path, the interval is halved, always keeping the half that changes more: a change that remains as its length vanishes
+is a jump. Left out: jumps that no path meets, such as those within a very small area.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from models.effect import Effect
 from models.hooks import BallState, address, fields_of
 from models.shot import Array, Ball, Table
 
-WAYS, POINTS, HALVINGS = 300, 64, 44  # halvings leave 1e-13 of a step, a few of the last bits of a float
+PATHS, POINTS, HALVINGS = 300, 64, 44  # halvings leave 1e-13 of a step, a few of the last bits of a float
 SEED = 1
 MAX_SPEED_M_S, MAX_SIDESPIN, MAX_TIME_S = 4.0, 100.0, 12.0
-LASTING = 0.5  # of the change between two points of a way, by a jump between them
+MIN_JUMP_SHARE = 0.5  # share of the change between two points of a path that must remain for a jump
 FIELDS = fields_of(BallState)
 ACTS = tuple(FIELDS.index(name) for name in FIELDS[FIELDS.index("weight") :])
 
@@ -35,18 +35,18 @@ ACTS = tuple(FIELDS.index(name) for name in FIELDS[FIELDS.index("weight") :])
 class Jump:
     """A force that jumps."""
 
-    field: str  # of BallState, that it changes
+    field: str  # the field of BallState that it changes
     size: float
-    state: BallState  # at which it does
+    state: BallState  # the state at the jump
 
 
 def jump_of(effect: Effect, table: Table, ball: Ball) -> Jump | None:
-    """The largest jump of an effect's forces that is met along some way; None where there is none.
+    """The largest jump of an effect's forces on any of the paths; None if there is none.
 
     Args:
         effect: one number a parameter.
-        table: on which the ways lie.
-        ball: that goes along them.
+        table: of the paths.
+        ball: that moves along them.
 
     Raises:
         HookError: its forces do not compile.
@@ -57,14 +57,14 @@ def jump_of(effect: Effect, table: Table, ball: Ball) -> Jump | None:
     own = np.ascontiguousarray(effect.row(1)[0])
 
     def acting(states: Array) -> Array:
-        """What the forces do at (n, fields): (n, k)."""
+        """Forces at states (n, fields): (n, k)."""
         rows = np.ascontiguousarray(states)
         for row in rows:
             function(own.ctypes.data, row.ctypes.data)
         return np.asarray(rows[:, ACTS])
 
     rng, found = np.random.default_rng(SEED), list[Jump]()
-    for _ in range(WAYS):
+    for _ in range(PATHS):
         begin, end = _way(rng, table, ball)
         jump = _jump_between(begin, end, acting)
         found += [] if jump is None else [jump]
@@ -72,7 +72,7 @@ def jump_of(effect: Effect, table: Table, ball: Ball) -> Jump | None:
 
 
 def _jump_between(begin: Array, end: Array, acting: Callable[[Array], Array]) -> Jump | None:
-    """A jump between two states, of the first field that has one: a push comes before the torque that goes with it."""
+    """The jump between two states in the first field that has one: a push comes before its torque."""
     values = acting(begin + np.linspace(0.0, 1.0, POINTS)[:, None] * (end - begin))
     change = np.abs(np.diff(values, axis=0))
     for k in np.flatnonzero(change.max(axis=0) > 0).tolist():
@@ -83,14 +83,14 @@ def _jump_between(begin: Array, end: Array, acting: Callable[[Array], Array]) ->
             middle = (low + high) / 2
             m = acting((begin + middle * (end - begin))[None])[0, k]
             low, high, a, b = (low, middle, a, m) if abs(m - a) >= abs(b - m) else (middle, high, m, b)
-        if abs(b - a) > LASTING * change[first, k]:
+        if abs(b - a) > MIN_JUMP_SHARE * change[first, k]:
             state = BallState(*(begin + high * (end - begin)).tolist())
             return Jump(FIELDS[ACTS[k]], float(abs(b - a)), state)
     return None
 
 
 def _way(rng: np.random.Generator, table: Table, ball: Ball) -> tuple[Array, Array]:
-    """Two states of a ball that rolls, or slides, between which all changes evenly: two rows of BallState."""
+    """Two random states of a rolling or sliding ball, the ends of a path: two rows of BallState."""
     limits, rolls = table.centre_limits(ball), rng.random() < 0.5
     heading, turn = rng.uniform(-math.pi, math.pi), rng.uniform(-0.3, 0.3) if rolls else rng.uniform(-math.pi, math.pi)
     shared = {"launch": rng.uniform(0.1, MAX_SPEED_M_S), "order": rng.random(), "warmth": rng.uniform(-5.0, 10.0),

@@ -1,6 +1,6 @@
-"""Shots planned in a fitted model: scenes, strokes and their errors, the search, plans, reports and studies.
+"""Planning of shots in a fitted model: scenes, strokes and their errors, search, plans, reports and studies.
 
-A scene is read, and the shot in it planned:
+Read a scene and plan its shot:
 
     from planner import plan, read_scene
 

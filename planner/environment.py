@@ -1,7 +1,7 @@
 """Scenes on a fitted model as a dm_control task.
 
-In: a scene, or a function that draws scenes; a model with its uncertainty; the launcher's repeatability. Out: from
-`load` the environment of models/environment.py, from `gymnasium_env` the same with Gymnasium's interface.
+In: a scene, or a function that draws scenes; a model with its uncertainty; the launcher's repeatability. Out: the
+environment of models/environment from `load`, or with Gymnasium's interface from `gymnasium_env`.
 
 Every reset draws one Monte Carlo sample (planner/evaluation/risk.py): execution errors of the launcher, and the model's
 constants from their uncertainty. Shots are played with pocket jaws and all of the model's effects, in MuJoCo, or in the
@@ -9,7 +9,7 @@ event engine, which is faster. The reward is the utility of planner/evaluation/v
 
 The action's offsets are those of the cue's axis, (R + r_t) / R farther out than the contact, and its azimuth is the
 cue's: if the model has no squirt effect, the ball leaves with the squirt of models/analytic/cueing.py
-(planner/launcher/stroke.py). Leaves out the next shot: an episode is one shot.
+(planner/launcher/stroke.py). Left out: the next shot; an episode is one shot.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ScenePlay:
     """A scene, and the errors of one play; see models.environment.task.Episode."""
 
     player: Player
-    samples: ErrorSamples  # one
+    samples: ErrorSamples  # a single sample
     weights: UtilityWeights
     mujoco: bool
     rows: int  # number of observed balls; those of the scene come first
@@ -94,7 +94,7 @@ class ScenePlay:
     def goal(self) -> dict[str, NDArray[Any]]:
         """The goal.
 
-        `pocket` (2,) [m] is the pocket's place, zeros if `any_pocket` (1,); `rest` (2,) [m] the cue ball's goal
+        `pocket` (2,) [m] is the pocket's position, zeros if `any_pocket` (1,); `rest` (2,) [m] the cue ball's goal
         position, with `rest_radius` (1,) [m] about it, zeros if `any_rest` (1,); `rest_for` (rows,) marks the ball to
         leave a shot on, `avoid` (rows,) those that nothing may touch.
         """
@@ -145,13 +145,13 @@ def load(
     Args:
         scene: of every episode, or a function that draws one.
         model: fitted to the same table and ball; its constants are drawn from their uncertainty.
-        execution: how well the launcher repeats; if not given that of the model file, or the usual one.
+        execution: the launcher's repeatability; by default that of the model file, or the usual one.
         weights: of the utility.
         seed: of all random numbers.
         mujoco: play in MuJoCo; otherwise in the event engine.
-        launcher: the default one if not given.
+        launcher: by default the usual one.
         balls: number of observed balls, the same in every episode; that of the scene, or 22 if scenes are drawn.
-        threads: at most; 0 for all.
+        threads: largest number of threads; 0 for all.
         flat: observe one vector instead of named arrays.
 
     Raises:
@@ -164,7 +164,7 @@ def load(
     def sample_episode(rng: np.random.Generator) -> ScenePlay:
         player = Player(model, scene if isinstance(scene, Scene) else scene(rng), device, threads)
         if len(player.scene.names) > rows:
-            raise BadInput(f"a scene of {len(player.scene.names)} balls, {rows} are observed; set balls to as many")
+            raise BadInput(f"the scene has {len(player.scene.names)} balls, but {rows} are observed; increase `balls`")
         return ScenePlay(player, _draw(player.model, errors, 1, rng), weights, mujoco, rows)
 
     axis = device.offset * (model.ball.radius + device.cue.tip_radius)

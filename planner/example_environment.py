@@ -2,12 +2,12 @@
 
 In: a scene and a model, or the built-in ones. Out: a stroke, with its mean reward before and after the optimisation.
 
-On the environment of planner/environment.py runs the cross-entropy method (Rubinstein 1999): actions are drawn from a
+The cross-entropy method (Rubinstein 1999) runs on the environment of planner/environment.py: actions are drawn from a
 normal distribution, whose mean and spread follow the best of them. After a wide first iteration every action is
 evaluated over several samples of execution errors and model uncertainty. It learns in the event engine, which is a
-hundred times as fast, and the stroke that it ends at is judged in MuJoCo, over new samples. It starts from a stroke
-without spin at the middle of the object ball and has no knowledge of pockets, angles or spin; planner/search/search.py
-has, and finds better shots sooner.
+hundred times as fast, and the final stroke is evaluated in MuJoCo, over new samples. It starts from a stroke without
+spin at the middle of the object ball and knows nothing of pockets, angles or spin; planner/search/search.py does, and
+finds better shots sooner.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from planner.environment import load
 from planner.scene import Goal, Scene, read_scene
 
 Array = NDArray[np.float64]
-FIRST_ACTIONS = 1200  # of the first iteration, which must contain a pot
-LATER_ACTIONS, ELITE_ACTIONS = 100, 10  # of the later iterations; of these that mean and spread follow
-ITERATIONS = 12
+FIRST_ACTIONS = 1200  # actions of the first iteration, which must contain a pot
+LATER_ACTIONS, ELITE_ACTIONS = 100, 10  # actions of later iterations, and the best ones that set mean and spread
+MAX_ITERATIONS = 12
 SAMPLES_PER_ACTION = 16
-FINAL_SAMPLES = 256  # for the printed figures
-MIN_SPREAD = np.array([0.02, 2e-4, 2e-4, 3e-4])  # of an action (4,) [m/s, m, m, rad]
+FINAL_SAMPLES = 256  # samples for the printed figures
+MIN_SPREAD = np.array([0.02, 2e-4, 2e-4, 3e-4])  # least spread of an action (4,) [m/s, m, m, rad]
 # Standard deviations of the constants after a fit of some fifty shots.
 CONSTANT_SD = {
     "decoupled_cloth.slide": 0.005, "decoupled_cloth.roll": 0.0003, "decoupled_cloth.spin": 1.0,
@@ -53,7 +53,7 @@ def example_scene() -> Scene:
 
 
 def example_model() -> Model:
-    """The base model with usual constants, as uncertain as after a fit."""
+    """The base model with usual constants and the uncertainty of a fit."""
     base = full_model(SNOOKER_TABLE, SNOOKER_BALL)
     estimates = {name: Estimate(sd, "assumed for the example") for name, sd in CONSTANT_SD.items()}
     return Model(base.table, base.ball, effects=base.effects, estimates=estimates)
@@ -70,7 +70,7 @@ def initial_distribution(environment: ShotEnvironment, diameter: float) -> tuple
 
 def optimise(environment: ShotEnvironment, mean: Array, spread: Array, rng: np.random.Generator) -> Array:
     """The action (4,) at which the cross-entropy method ends."""
-    for k in range(ITERATIONS):
+    for k in range(MAX_ITERATIONS):
         count = LATER_ACTIONS if k else FIRST_ACTIONS
         actions = np.concatenate([mean[None], mean + spread * rng.normal(size=(count, 4))])
         values = environment.expected(actions, SAMPLES_PER_ACTION if k else 1)

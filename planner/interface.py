@@ -1,6 +1,6 @@
-"""Plans from Python: `planner.plan`.
+"""The Python interface `planner.plan`.
 
-In: a `Scene`, and a `Model` or a result that has one. Out: a `ShotPlan`, billiard-plan/1 as a dict that prints itself.
+In: a `Scene`, and a `Model` or a result with one. Out: a `ShotPlan`, billiard-plan/1 as a dict that prints as text.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from planner.scene import Scene
 from planner.words import STROKE_HEADS, plan_lines, stroke_rows
 from sysid.prepare import prepare
 
-STROKE_COLUMNS = ("speed", "azimuth", "side", "height")  # of the data frame [m/s, rad, m, m]
+STROKE_COLUMNS = ("speed", "azimuth", "side", "height")  # columns of the data frame [m/s, rad, m, m]
 
 
 class ShotPlan(Presented, dict[str, Any]):
     """A plan: the entries of billiard-plan/1."""
 
     def sheet(self) -> Sheet:
-        """The best stroke and its alternatives, and why."""
+        """The best stroke, its alternatives, and the reasons, as text."""
         strokes = [self, *self["alternatives"]] if self["stroke"] else []
         columns: dict[str, list[Any]] = {"kind": [one["kind"] for one in strokes]}
         columns |= {name: [one["stroke"][name] for one in strokes] for name in STROKE_COLUMNS}
@@ -33,13 +33,13 @@ class ShotPlan(Presented, dict[str, Any]):
         return Sheet(columns, STROKE_HEADS, tuple(stroke_rows(self)), tuple(plan_lines(self)))
 
     def plot(self) -> Picture:
-        """The table from above with planned and sampled paths."""
+        """Draw the table from above with planned and sampled paths."""
         from planner.report_figures import table_from_above
 
         return Picture("plan", *table_from_above(self))
 
     def report(self, path: Path | str, title: str = "A planned shot") -> None:
-        """Write the plan as one HTML file; BadInput where it cannot be written."""
+        """Write the plan as one HTML file; BadInput if it cannot be written."""
         from planner.report import write_report
 
         write_report(path, self, title)
@@ -50,7 +50,7 @@ def plan(scene: Scene, model: Model | HasModel, **options: Any) -> ShotPlan:
 
     Args:
         scene: balls and goal.
-        model: fitted to the same table and ball, or a result that has such a model.
+        model: fitted to the same table and ball, or a result with such a model.
         options: those of `planner.planning.make_plan`: execution, weights, method, seed, launcher, effort, threads.
     """
     prepare()

@@ -47,14 +47,14 @@ from planner.search.search import (
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-plan/1"
-METHODS, GIVEN = ("risk", "ga"), "given"  # how a stroke is found; or it is given
-FAN_PLAYS = 40  # plays whose tracks are kept, the first of those that the stroke is evaluated by
-MAX_PLACES = 500  # final positions of the cue ball that are kept
-TRACK_PERIOD_S, FAN_PERIOD_S = 0.02, 0.08  # between the points of the planned tracks, and of those of the fan
-MAX_POT_LOSS = 0.1  # part of the pots that may be lost at the tolerance of the yaw
+METHODS, GIVEN = ("risk", "ga"), "given"  # methods of the search; the mark of a given stroke
+FAN_PLAYS = 40  # tracks kept, from the first plays of the evaluation
+MAX_PLACES = 500  # most final positions of the cue ball that are kept
+TRACK_PERIOD_S, FAN_PERIOD_S = 0.02, 0.08  # time between points of the planned tracks, and of the fan's
+MAX_POT_LOSS = 0.1  # share of the pots lost at the tolerance of the yaw
 TURNS_DEG = np.concatenate([np.arange(0.0, 0.2, 0.01), np.arange(0.2, 1.0, 0.02), np.arange(1.0, 4.01, 0.1)])
-YAW_SAMPLES = 256  # plays that estimate the pots at one turn of the yaw
-COARSE_STRIDE = 7  # of the turns that are tried first, before the interval with the limit is refined
+YAW_SAMPLES = 256  # plays at each turn of the yaw
+COARSE_STRIDE = 7  # stride of the first turns tried, before the interval with the limit is refined
 MAX_ALTERNATIVES = 4
 log = logging.getLogger(__name__)
 
@@ -70,12 +70,12 @@ def make_plan(
         scene: balls and goal.
         model: fitted to the same table and ball; constants without a standard deviation vary as published ones do
             (planner/evaluation/published.py).
-        execution: how well the launcher repeats; the usual launcher if not given.
-        weights: of the utility; the usual ones if not given.
+        execution: the launcher's repeatability; by default the usual one.
+        weights: of the utility; by default the usual ones.
         method: "risk", the search under errors, or "ga", the paper's on the nominal model.
         seed: of all random numbers; the same seed gives the same plan at any number of threads.
-        launcher: one with the constants of the literature if not given.
-        effort: how much to compute.
+        launcher: by default one with constants from the literature.
+        effort: amount of computation.
         threads: at most; 0 for all.
 
     Returns:
@@ -111,15 +111,15 @@ def plan_of(
     scene: Scene, model: Model, stroke: Array, why: str, execution: Execution, launcher: LauncherModel, *,
     seed: int = 0, effort: Effort | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """A stroke that is given, as a plan: what it is expected to do, under the same errors as one that is searched.
+    """A given stroke as a plan: its expected outcomes, under the same errors as those of a searched one.
 
     Args:
         scene: balls and goal; the goal need not be reached.
         model: fitted to the same table and ball.
-        stroke: (4,), see planner/launcher/stroke.py; the nearest that can be played is.
-        why: it is played.
-        execution: how well the launcher repeats.
-        launcher: that plays it.
+        stroke: (4,), see planner/launcher/stroke.py; the nearest playable one is used.
+        why: the reason for the stroke.
+        execution: the launcher's repeatability.
+        launcher: the launcher that plays it.
         seed: of all random numbers.
         effort: how much to compute.
 
@@ -138,7 +138,7 @@ def plan_of(
 def _head(
     player: Player, model: Model, execution: Execution, weights: UtilityWeights, method: str, seed: int
 ) -> dict[str, Any]:
-    """The entries of a plan that do not depend on its stroke; `model` as it was given."""
+    """The entries of a plan that do not depend on its stroke; `model` is the one passed in."""
     about = {
         "effects": [e.name() for e in player.model.effects], "fitted": bool(model.estimates),
         "published_sd": {name: float(f"{sd:.3g}") for name, sd in unfitted_spread(model).items()},
@@ -150,7 +150,7 @@ def _head(
 
 
 def _plays(player: Player, evaluation: Evaluation, samples: ErrorSamples) -> dict[str, Any]:
-    """The entries of the plays that a stroke was evaluated by; `samples` are theirs."""
+    """The entries of a stroke's evaluation plays; `samples` are their errors."""
     shown = np.flatnonzero(np.isfinite(evaluation.outcomes.cue[:, 0]))[:MAX_PLACES]
     places = {
         "cue": _rounded(evaluation.outcomes.cue[shown]), "potted": evaluation.outcomes.potted[shown].tolist(),
@@ -161,7 +161,7 @@ def _plays(player: Player, evaluation: Evaluation, samples: ErrorSamples) -> dic
 def _baseline_stroke(
     player: Player, execution: Execution, weights: UtilityWeights, seed: int, effort: Effort
 ) -> tuple[list[RankedStroke], str]:
-    """The paper's stroke, evaluated under errors although it was chosen without them; and why, or why there is none."""
+    """The paper's stroke, evaluated under errors but chosen without them, with the reason, or why there is none."""
     route, q, cost = baseline.search(player, seed=seed)
     pocket = pocket_name(POCKETS[route.pocket])
     if cost > baseline.VIOLATION_COST_M2:
@@ -171,7 +171,7 @@ def _baseline_stroke(
         return [], f"every stroke that sends the ball within 55 mm of the {pocket} loses the cue ball"
     rows, _ = playable(player, q[None], np.zeros(1, np.int64))
     if len(rows) == 0:
-        return [], "the stroke found lies beyond the launcher's strings"
+        return [], "the stroke found is beyond the launcher's strings"
     samples = draw_errors(player.model, execution, effort.fresh, seed + 1)
     final, engines, _ = in_both_engines(player, samples, rows, weights, effort.checked)
     away = 1e3 * math.sqrt(max(cost, 0.0))
@@ -185,7 +185,7 @@ def _baseline_stroke(
 
 
 def _stroke_entries(player: Player, stroke: RankedStroke) -> dict[str, Any]:
-    """The entries of one stroke that a plan and its alternatives have in common."""
+    """The common entries of a plan's stroke and of its alternatives."""
     evaluation, after = stroke.evaluation, cushions_after(stroke.evaluation)
     over = ("no cushion", "one cushion", "two cushions", "three cushions")
     kind = f"{describe_route(stroke.route)}; {spin_in_words(evaluation.q, player.scene.ball.radius)}, "
@@ -194,7 +194,7 @@ def _stroke_entries(player: Player, stroke: RankedStroke) -> dict[str, Any]:
 
 
 def _entries(player: Player, evaluation: Evaluation, engines: dict[str, Any]) -> dict[str, Any]:
-    """What a stroke is, and what it does."""
+    """The entries of a stroke and its outcomes."""
     return {
         "stroke": stroke_terms(player.launcher, evaluation.q),
         "launcher": player.launcher.command(player.model, evaluation.q), **evaluation.figures(player.scene),
@@ -206,7 +206,7 @@ def yaw_tolerance(player: Player, q: Array, execution: Execution, seed: int) -> 
     """Errors of the yaw of a stroke (4,), negative and positive, within which at most MAX_POT_LOSS of the pots is lost.
 
     Returns:
-        Two numbers [degrees]: the last of TURNS_DEG, or between coarse ones, at which enough is potted.
+        Two angles [degrees]: the last of TURNS_DEG, or between coarse ones, at which enough is potted.
     """
     samples = draw_errors(player.model, execution, YAW_SAMPLES, seed)
     coarse = TURNS_DEG[::COARSE_STRIDE]
@@ -236,7 +236,7 @@ def _pot_rates(player: Player, samples: ErrorSamples, q: Array, turns: Array) ->
 
 
 def _fan(player: Player, evaluation: Evaluation, samples: ErrorSamples) -> list[dict[str, Any]]:
-    """Outcome and tracks of the first plays that a stroke was evaluated by; `samples` are theirs."""
+    """Outcomes and tracks of a stroke's first evaluation plays; `samples` are their errors."""
     played = samples.execution.perturb(evaluation.q[None], samples.normal)[0]
     out, entries = evaluation.outcomes, []
     for k, track in enumerate(player.tracks(played, samples.values, every=FAN_PERIOD_S)):
@@ -268,12 +268,12 @@ def moving(track: Track) -> list[dict[str, Any]]:
 
 
 def _rounded(xy: Array) -> list[list[float]]:
-    """Places (n, 2) [m] to a hundredth of a millimetre."""
+    """Positions (n, 2) [m], rounded to a hundredth of a millimetre."""
     return [[float(v) for v in row] for row in np.round(xy, 5)]
 
 
 def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWeights) -> str:
-    """Why the first stroke was chosen, or why there is none."""
+    """The reason for the first stroke, or why there is none."""
     routes = list(all_routes(player.scene))
     names = {p: pocket_name(POCKETS[p]) for p in {r.pocket for r in routes}}
     blocked = [f"{names[r.pocket]}: {r.obstacle}" for r in routes if r.direct and r.obstacle]
@@ -281,13 +281,13 @@ def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWe
     if not strokes:
         count = sum(not r.obstacle for r in routes)
         if not count:
-            return f"No way to a pocket lies open, direct or over one cushion.{closed}"
+            return f"No path to a pocket is open, direct or over one cushion.{closed}"
         return (
-            f"{count} ways lie open, and no stroke along them pots without a foul in "
+            f"{count} paths are open, but no stroke along them pots without a foul in "
             f"{100 * MIN_MADE_PROBABILITY:.0f} of 100 plays with this launcher.{closed}"
         )
     best, goal = strokes[0], player.scene.goal
-    parts = "the pot counts alone"
+    parts = "only the pot counts"
     if goal.rest is not None or goal.rest_for:
         place = f"a shot on {goal.rest_for}" if goal.rest_for else "the wanted place"
         parts = (
@@ -304,7 +304,7 @@ def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWe
 
 
 def _tip_in_words(engines: dict[str, Any]) -> str:
-    """What the launcher's tip gives the cue ball in MuJoCo beyond what the plan assumes."""
+    """A clause on the deviation of the tip's stroke in MuJoCo from the plan's assumptions."""
     if "tip" not in engines:
         return ""
     speed, azimuth, spin = (engines["tip"][name] for name in ("speed", "azimuth", "spin"))
@@ -317,7 +317,7 @@ def _tip_in_words(engines: dict[str, Any]) -> str:
 
 
 def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:
-    """An alternative against the best stroke: pots, fouls and distance of the cue ball."""
+    """A comparison of an alternative with the best stroke: pots, fouls and distance of the cue ball."""
     parts = []
     for key, name in (("pot_probability", "pots"), ("foul_probability", "fouls")):
         points = 100 * (other[key]["value"] - best[key]["value"])
@@ -330,5 +330,5 @@ def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:
 
 
 def read_plan(path: Path | str) -> dict[str, Any]:
-    """The values of a plan file; BadInput if it is none."""
+    """The values of a plan file; BadInput if it is not one."""
     return read_json(path, FORMAT, "name a plan file (planner plan SCENE --out PLAN.json)")

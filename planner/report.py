@@ -1,8 +1,8 @@
-"""The report of a plan: one HTML file with its figures inside, for a browser without network or scripts.
+"""The report of a plan: one HTML file with embedded figures, for a browser without network or scripts.
 
-The stroke to set, the planned paths of the balls and the sampled ones, where the cue ball comes to rest, and the
-alternatives. Outlines hold 50 % and 90 % of the samples themselves (models/recording/plan.py), so they need no normal
-distribution; they are left out where there are few samples. This module computes the values of the tables,
+It shows the stroke to set, planned and sampled paths of the balls, resting positions of the cue ball, and the
+alternatives. Outlines contain 50 % and 90 % of the samples (models/recording/plan.py), without assuming a normal
+distribution; they are left out with few samples. This module computes the values of the tables,
 planner/report_figures.py draws, templates/plan.html.j2 holds headings and captions. The same plan gives the same bytes.
 """
 
@@ -37,7 +37,7 @@ METHOD_NAMES = {
 
 
 def write_report(path: Path | str, plan: Mapping[str, Any], title: str) -> None:
-    """Write one HTML file, whole or not at all; BadInput where it cannot be written or `plan` is no plan."""
+    """Write one HTML file, completely or not at all; BadInput if it cannot be written, or `plan` is not a plan."""
     table, ball, balls = scene_of(plan)
     stroke, rests = bool(plan.get("stroke")), len(resting(plan)[0]) > 0
     write_page(
@@ -62,13 +62,13 @@ def write_report(path: Path | str, plan: Mapping[str, Any], title: str) -> None:
 
 
 def write_picture(path: Path | str, plan: Mapping[str, Any]) -> None:
-    """Write the table from above as PNG, whole or not at all; BadInput as for the report."""
+    """Write the table from above as PNG, completely or not at all; BadInput as for the report."""
     scene_of(plan)
     write_whole(path, png(*table_from_above(plan), dpi=144))
 
 
 def _settings(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """(value, what it is) of what to set, then the probabilities with their intervals."""
+    """Rows (value, description): the settings, then the probabilities with their intervals."""
     chances = [(f"{what}, with its interval", percent(plan.get(f"{what}_probability"))) for what in ("pot", "foul")]
     return [(value, what) for what, value in strike_words(plan) + chances]
 
@@ -76,7 +76,7 @@ def _settings(plan: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _alternatives(
     plan: Mapping[str, Any], table: Table, ball: Ball, balls: Mapping[str, Array]
 ) -> list[dict[str, str]]:
-    """Picture and words of every other stroke that was considered."""
+    """Picture and description of every alternative stroke."""
     rows = []
     for k, other in enumerate(plan.get("alternatives") or [], start=1):
         words = dict(strike_words(other))
@@ -101,13 +101,13 @@ def _fouls(plan: Mapping[str, Any]) -> list[tuple[str, str, float]]:
 
 
 def _published(model: Mapping[str, Any]) -> str:
-    """Constants whose standard deviations are those of published values."""
+    """Names of constants whose standard deviations are those of published values."""
     spread = model.get("published_sd") or {}
     return ", ".join(f"{name} {sd:.2g}" for name, sd in spread.items()) or "none"
 
 
 def _computed(plan: Mapping[str, Any], table: Table, ball: Ball) -> list[tuple[str, str]]:
-    """What the plan was computed with, as (what, value)."""
+    """The inputs of the plan, as (description, value)."""
     execution, model = plan.get("execution") or {}, plan.get("model") or {}
 
     def sd(key: str, factor: float, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""Figures of a plan: the table from above, the cue ball's face, the resting positions, and alternatives in small."""
+"""Figures of a plan: the table from above, the cue ball's face, resting positions, and thumbnails of alternatives."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from models.report.figure import FIGURE_WIDTH_IN, INK_COLOUR, MODEL_COLOUR, NARR
 from models.report.numbers import number
 from models.shot import Array, Ball, Table
 
-MAX_OFFSET = 0.5  # of the contact, over the ball's radius; no stroke is played beyond (Robotic Billiards 2015)
-MAX_LINE_POINTS = 260  # of a path, to keep the file small
+MAX_OFFSET = 0.5  # largest contact offset over the ball's radius (Robotic Billiards 2015)
+MAX_LINE_POINTS = 260  # most points of a path, to keep the file small
 SHADOW_COLOUR = "#10151a"  # behind a path and around a ball
-MIN_HALF_VIEW_M = 0.12  # of the figure of resting positions, from its middle to its edge
-FACE_WIDTH_IN = 3.3  # of the cue ball's face
-THUMBNAIL_WIDTH_IN = 3.6  # of an alternative
-NARROW_REST_HEIGHT_IN = 8.0  # of that of resting positions
-MIN_NARROW_SHARE = 0.5  # of the longer side that the shorter one of a figure for a phone has at least
+MIN_HALF_VIEW_M = 0.12  # least half width of the figure of resting positions
+FACE_WIDTH_IN = 3.3  # width of the figure of the cue ball's face
+THUMBNAIL_WIDTH_IN = 3.6  # width of the figure of an alternative
+NARROW_REST_HEIGHT_IN = 8.0  # height of the figure of resting positions on a phone
+MIN_NARROW_SHARE = 0.5  # least ratio of the sides of a figure for a phone
 
 
 def table_from_above(plan: Mapping[str, Any], narrow: bool = False) -> tuple[float, Draw]:
-    """Height [inch] of the table from above, and what draws it; `narrow`: of the part of it that the shot uses."""
+    """Height [inch] and drawing function of the table from above; `narrow` shows only the part that the shot uses."""
     table, ball, balls = scene_of(plan)
     edge = np.array([table.length, table.width]) / 2 + TABLE_MARGIN_M
     low, high = part_used(plan, edge) if narrow else (-edge, edge)
@@ -58,7 +58,7 @@ def table_from_above(plan: Mapping[str, Any], narrow: bool = False) -> tuple[flo
 
 
 def part_used(plan: Mapping[str, Any], edge: Array) -> tuple[Array, Array]:
-    """Lower and upper corner (2,) [m] of what holds the planned paths and the resting positions, within +-edge."""
+    """Corners (2,) [m] of the rectangle around planned paths and resting positions, within +-edge."""
     paths = [path_of(track) for track in plan.get("tracks") or []]
     points = np.concatenate([path for path in [*paths, resting(plan)[0]] if len(path)] or [np.array([-edge, edge])])
     low, high = points.min(axis=0) - TABLE_MARGIN_M, points.max(axis=0) + TABLE_MARGIN_M
@@ -80,7 +80,7 @@ def _draw_samples(ax: Any, plan: Mapping[str, Any]) -> None:
 
 
 def _draw_cloud(ax: Any, plan: Mapping[str, Any], size: float) -> None:
-    """Resting positions and their outlines."""
+    """Draw resting positions and their outlines."""
     cloud, potted = resting(plan)
     for word, chosen in (("potted", potted), ("missed", ~potted)):
         if chosen.any():
@@ -93,11 +93,11 @@ def _draw_cloud(ax: Any, plan: Mapping[str, Any], size: float) -> None:
 
 
 def _draw_goal(ax: Any, plan: Mapping[str, Any], ball: Ball, balls: Mapping[str, Array]) -> None:
-    """Where the cue ball is wanted, and the balls to avoid."""
+    """Draw the wanted position of the cue ball, and the balls to avoid."""
     goal, (place, radius) = plan["scene"].get("goal") or {}, wanted(plan)
     mark = {"color": rgb(TARGET_COLOUR), "zorder": 9, "ls": "none"}
     if place is not None:
-        ax.plot(*place, "x", ms=9, mew=2.2, **mark, label="position that is wanted")
+        ax.plot(*place, "x", ms=9, mew=2.2, **mark, label="wanted position")
     if place is not None and radius > 0:
         ax.add_patch(circle(place, radius, fc="none", ec=rgb(TARGET_COLOUR), lw=1.4, ls=":", zorder=8))
     if goal.get("rest_for") in balls:
@@ -116,7 +116,7 @@ def _draw_goal(ax: Any, plan: Mapping[str, Any], ball: Ball, balls: Mapping[str,
 def _draw_shot(
     ax: Any, shot: Mapping[str, Any], table: Table, ball: Ball, balls: Mapping[str, Array], bold: float = 1.0
 ) -> None:
-    """Balls at the start, planned paths, and rings where these end; `bold` scales the lines of a small picture."""
+    """Draw balls at the start, planned paths, and rings at their ends; `bold` scales the lines of a small picture."""
     goal = (shot.get("scene") or {}).get("goal") or {}
     roles = {goal.get("cue"): "cue ball", goal.get("object"): "object ball"}
     for track in shot.get("tracks") or []:
@@ -136,7 +136,7 @@ def _draw_shot(
 
 
 def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
-    """The ball's face as seen along the cue, in mm, and where the tip touches it: the cue's axis is farther out."""
+    """Draw the ball's face as seen along the cue, in mm, with the contact of the tip and the cue's axis."""
     execution = plan.get("execution") or {}
     stroke, r = plan["stroke"], 1e3 * ball.radius
     aim = 1e3 * np.array([stroke.get("side", 0.0), stroke.get("height", 0.0)])
@@ -173,7 +173,7 @@ def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
 
 
 def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball, narrow: bool = False) -> str:
-    """Resting positions, and the share of them within a distance; `narrow`: one below the other."""
+    """Draw resting positions, and their share within a distance; `narrow` puts one below the other."""
     cloud, potted = resting(plan)
     place, radius = wanted(plan)
     mean = np.array((plan.get("rest") or {}).get("mean") or cloud.mean(axis=0), float)
@@ -221,7 +221,7 @@ def rest_svg(plan: Mapping[str, Any], table: Table, ball: Ball, narrow: bool = F
 
 
 def _add_legend(fig: Any, ax: Any, columns: int) -> int:
-    """A legend with marks of one size; the number of rows it takes."""
+    """Draw a legend with marks of one size; returns its number of rows."""
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         for mark in legend_on_cloth(fig, handles, labels, columns).legend_handles:
@@ -230,7 +230,7 @@ def _add_legend(fig: Any, ax: Any, columns: int) -> int:
 
 
 def thumbnail_svg(name: str, shot: Mapping[str, Any], table: Table, ball: Ball, balls: Mapping[str, Array]) -> str:
-    """The paths of a shot on the table, small."""
+    """Draw a thumbnail of a shot's paths on the table."""
     aspect = (table.width + 2 * TABLE_MARGIN_M) / (table.length + 2 * TABLE_MARGIN_M)
 
     def draw(fig: Any) -> None:
@@ -244,7 +244,7 @@ def thumbnail_svg(name: str, shot: Mapping[str, Any], table: Table, ball: Ball, 
 
 
 def _thin(path: Array) -> Array:
-    """A path of few enough points."""
+    """A path thinned to at most MAX_LINE_POINTS points."""
     return (
         path
         if len(path) <= MAX_LINE_POINTS

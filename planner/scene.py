@@ -5,7 +5,7 @@ In: a scene file, or plain values of its structure. Out: a checked `Scene`; and 
 Table frame as in models/shot.py. A pocket is named by the sides of the table that it stands on, (sx, sy), sx = 0 for a
 middle one; its place is where the nose lines meet, or the middle of a long one. Rounded positions let balls overlap
 each other or a cushion slightly: up to MAX_OVERLAP_M they are moved apart, since the contact forces of an overlap would
-set the balls in motion. Leaves out whether the shot can be played: the search finds out.
+set the balls in motion. Left out: whether the shot can be played, which the search finds out.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from sysid.clips.names import name_fault
 
 FORMAT = "billiard-scene/1"
 REST_KEYS = ("rest", "rest_region", "rest_for")
-MAX_BALLS = 22  # balls of snooker
-MAX_OVERLAP_M = 5e-4  # that rounding of positions to about a tenth of a millimetre explains
-TOUCH_GAP_M = 1e-9  # between balls that touch; balls that are moved apart end with up to this gap
-MAX_ITERATIONS = 2000  # of moving apart
-MAX_PLACE_M = 10.0  # of a coordinate; a larger one must be in mm
+MAX_BALLS = 22  # number of snooker balls
+MAX_OVERLAP_M = 5e-4  # largest overlap explained by rounding of positions to about a tenth of a millimetre
+TOUCH_GAP_M = 1e-9  # largest gap of touching balls; balls that are moved apart end with up to this gap
+MAX_ITERATIONS = 2000  # iterations of moving balls apart
+MAX_PLACE_M = 10.0  # largest coordinate; a larger one must be in mm
 PLACE_FORM = "in m from the table's centre, x along the length"
 PLACE = Allowed(unit="m", shape=(2,), form=f"[x, y] {PLACE_FORM}")
 POCKET_FORM = '[sx, sy], the sides it stands on: sx of -1, 0, 1 and sy of -1, 1; or "any"'
@@ -54,7 +54,7 @@ class Goal:
     object: str
     pocket: Pocket | None  # None for any
     rest: Array | None = None  # goal position (2,) of the cue ball [m]; None for any
-    rest_radius: float = 0.0  # about `rest`, within which every position is as good [m]
+    rest_radius: float = 0.0  # radius around `rest` within which every position is equally good [m]
     rest_for: str = ""  # the cue ball should leave a shot on this ball
     avoid: tuple[str, ...] = ()  # balls that nothing may touch
 
@@ -92,11 +92,11 @@ class Scene:
     names: tuple[str, ...]  # the cue ball first, then the object ball
     position: Array  # (n, 2) [m]
     goal: Goal
-    camera_doubts: tuple[str, ...] = ()  # why the camera that saw it is not to be trusted
+    camera_doubts: tuple[str, ...] = ()  # reasons to doubt the camera that took it
 
 
 def pocket_places(table: Table) -> dict[Pocket, Array]:
-    """Places (2,) [m] of the pockets, by their sides; empty for a table without pockets."""
+    """Positions (2,) [m] of the pockets, by their sides; empty for a table without pockets."""
     half = np.array([table.length, table.width]) / 2
     return {pocket: half * pocket for pocket in POCKETS} if table.pockets else {}
 
@@ -108,7 +108,7 @@ def pocket_name(pocket: Pocket) -> str:
 
 
 def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
-    """The pocket that a ball at (2,) [m] has fallen into; None for one on the table, on the brink too."""
+    """The pocket into which a ball at (2,) [m] has fallen; None for one on the table, even on the brink."""
     corner = table.shapes.corner
     beyond = corner.edge_depth(corner=True) / math.sqrt(2)
     for pocket, place in pocket_places(table).items():
@@ -121,7 +121,7 @@ def pocket_of(xy: Array, table: Table, ball: Ball) -> Pocket | None:
 
 
 def separate_overlaps(position: Array, table: Table, ball: Ball) -> Array:
-    """Positions (n, 2) [m] with overlaps of balls and cushions removed by small shifts; other balls do not move."""
+    """Positions (n, 2) [m] with overlaps of balls and cushions removed by small shifts of the balls concerned."""
     limit, out = table.centre_limits(ball), np.array(position, float)
     one, other = np.triu_indices(len(out), 1)
     for _ in range(MAX_ITERATIONS):
@@ -138,7 +138,7 @@ def separate_overlaps(position: Array, table: Table, ball: Ball) -> Array:
 
 
 def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
-    """Largest overlap [m] of two of the balls at (n, 2) [m], negative for a gap, and the numbers of the two."""
+    """Largest overlap [m] of two balls at (n, 2) [m], negative for a gap, and their indices."""
     if len(position) < 2:
         return -math.inf, 0, 0
     one, other = np.triu_indices(len(position), 1)
@@ -148,14 +148,14 @@ def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
 
 
 def read_scene(path: Path | str) -> Scene:
-    """Read a scene file; BadInput names what is wrong in it."""
+    """Read a scene file; BadInput names its faults."""
     faults = Faults()
     data = read_document(path, str(path), faults, "name a scene file")
     return scene_from(faults.settle(data), str(path))
 
 
 def write_scene(scene: Scene, path: Path | str) -> None:
-    """Write a scene file, whole or not at all."""
+    """Write a scene file, completely or not at all."""
     write_whole(path, tomli_w.dumps(scene_dict(scene)).encode())
 
 
@@ -178,14 +178,14 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
 
 
 def scene_from(data: Any, where: str) -> Scene:
-    """The scene of plain values in the structure of a scene file.
+    """The scene from plain values in the structure of a scene file.
 
     Args:
         data: as parsed from TOML or JSON.
-        where: the source that messages name.
+        where: the source, for messages.
 
     Raises:
-        BadInput: the first thing that is wrong, in one line; the others are its notes.
+        BadInput: the first fault, in one line; the others are its notes.
     """
     faults = Faults()
     top = Place(where, faults)
@@ -200,7 +200,7 @@ def scene_from(data: Any, where: str) -> Scene:
         pockets_of(table, ball)
     except BadInput as problem:
         top.below("table").fault(str(problem))
-    faults.settle(table)  # places and names go by what comes before them
+    faults.settle(table)  # places and names depend on the entries before them
     places = faults.settle(_places(file.balls, table, ball, top.below("balls")))
     goal = faults.settle(_goal(file.goal, tuple(places), table, ball, top.below("goal")))
     names = (goal.cue, goal.object, *(n for n in places if n not in (goal.cue, goal.object)))
@@ -209,7 +209,7 @@ def scene_from(data: Any, where: str) -> Scene:
 
 
 def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dict[str, Array]:
-    """Positions (2,) [m] of the balls, by name; those without faults."""
+    """Positions (2,) [m] of the balls without faults, by name."""
     places = dict[str, Array]()
     if problem := excess(len(data), MAX_BALLS, "balls", "snooker has no more, remove some"):
         at.fault(problem)
@@ -218,7 +218,7 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dic
         if fault := name_fault(name):
             at.fault(f"ball {shown(name)} {fault}")
         elif name == "world" or "/" in name:
-            at.fault(f"ball {shown(name)} has a reserved name: choose one without slashes that is not world")
+            at.fault(f"ball {shown(name)} has a reserved name: choose one without slashes, other than world")
         elif (xy := _on_table(value, shown(name), table, ball, at)) is not None:
             places[name] = xy
     depth, i, j = largest_overlap(np.array(list(places.values())).reshape(-1, 2), ball)
@@ -230,7 +230,7 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dic
 
 
 def _on_table(value: Any, name: str, table: Table, ball: Ball, at: Place) -> Array | None:
-    """A position (2,) [m] where a ball can lie; None, with the fault noted, for another."""
+    """A valid position (2,) [m] of a ball; None, with the fault noted, for an invalid one."""
     xy = read_value(name, value, Array, PLACE, at)
     if xy is None:
         return None
@@ -239,17 +239,17 @@ def _on_table(value: Any, name: str, table: Table, ball: Ball, at: Place) -> Arr
         in_m = [float(f"{v / 1e3:.6g}") for v in xy]
         at.fault(f"{given} looks like mm: write {in_m} (m)")
     elif (pocket := pocket_of(xy, table, ball)) is not None:
-        at.fault(f"{given} lies in the pocket {pocket_name(pocket)}: move it onto the table")
+        at.fault(f"{given} is in the pocket {pocket_name(pocket)}: move it onto the table")
     elif len(over := np.flatnonzero(np.abs(xy) > limit + MAX_OVERLAP_M)):
         bound = f"|{'xy'[over[0]]}| is at most {limit[over[0]]:.4f} m with the ball at the cushion"
-        at.fault(f"{given} lies outside the playing surface: {bound}; write it {PLACE_FORM}")
+        at.fault(f"{given} is outside the playing surface: {bound}; write it {PLACE_FORM}")
     else:
         return np.clip(xy, -limit, limit)
     return None
 
 
 def _goal(given: GoalEntries, names: tuple[str, ...], table: Table, ball: Ball, at: Place) -> Goal:
-    """The goal, of balls of these names; its faults are noted."""
+    """The goal, for balls with these names; its faults are noted."""
     cue, target = given.cue, given.object
     _check_named("cue", cue, names, {}, at)
     _check_named("object", target, names, {cue: "is the cue ball"}, at)
@@ -275,7 +275,7 @@ def _goal(given: GoalEntries, names: tuple[str, ...], table: Table, ball: Ball, 
 
 
 def _check_named(key: str, name: str, names: tuple[str, ...], barred: Mapping[str, str], at: Place) -> None:
-    """Note a ball that is not there; `barred` gives the reasons why others are not allowed."""
+    """Note a fault for a missing ball, or for one in `barred`, which gives the reasons."""
     free = [n for n in names if n not in barred]
     if name not in free:
         meant = None if name in barred else closest(name, free)
@@ -285,11 +285,11 @@ def _check_named(key: str, name: str, names: tuple[str, ...], barred: Mapping[st
 
 
 def _pocket(value: Any, at: Place) -> Pocket | None:
-    """The pocket; None for any, and with the fault noted for another."""
+    """The pocket; None for any, or, with the fault noted, for an invalid one."""
     numbers = isinstance(value, list | tuple) and len(value) == 2 and all(type(v) in (int, float) for v in value)
     found = next((pocket for pocket in POCKETS if numbers and tuple(value) == pocket), None)
     if found is None and value != "any":
         why = ", there is none in the middle of the end cushions" if value in ([1, 0], [-1, 0]) else ""
         why = ", there is none in the middle of the table" if value == [0, 0] else why
-        at.fault(f"pocket = {shown(value)} is no pocket{why}: write {POCKET_FORM}", "pocket")
+        at.fault(f"pocket = {shown(value)} is not a pocket{why}: write {POCKET_FORM}", "pocket")
     return found

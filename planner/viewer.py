@@ -32,14 +32,14 @@ STRIKE_KEY, RESET_KEY = 32, ord("R")  # key codes of GLFW; 32 is the space bar
 FRAME_S = 1 / 60  # time between two frames
 MAX_CATCH_UP_S = 0.1  # simulated time per frame; a longer delay is not made up for
 KEYS_TEXT = (
-    "space strikes again from where the balls lie, R puts them back; double-click a ball and drag with ctrl to push it"
+    "space strikes again from the current positions, R resets them; double-click a ball and drag with ctrl to push it"
 )
-Show = Callable[..., AbstractContextManager[Any]]  # mujoco.viewer.launch_passive, or what stands in for it
+Show = Callable[..., AbstractContextManager[Any]]  # mujoco.viewer.launch_passive, or a stand-in
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Balls at their places, and the stroke to play."""
+    """Balls at their positions, and the stroke to play."""
 
     names: tuple[str, ...]  # the ball to be struck first
     position: Array  # (n, 2) [m]
@@ -48,7 +48,7 @@ class Setup:
 
 
 class ViewedWorld:
-    """A world, its MjData, and the stroke that is played there."""
+    """A world, its MjData, and the stroke to play."""
 
     def __init__(self, model: Model, setup: Setup) -> None:
         """Compile the table with its furniture, and place the balls."""
@@ -63,13 +63,13 @@ class ViewedWorld:
         self.world.place(dict(zip(self.setup.names, self.setup.position, strict=True)), self.data)
 
     def strike(self) -> None:
-        """Play the stroke from the present positions; from the initial ones if the ball to be struck was potted."""
+        """Play the stroke from the current positions; from the initial ones if the ball to be struck was potted."""
         if self.setup.names[0] not in self.world.in_play(self.data):
             self.reset()
         self.world.strike(self.data, self.velocity[0], self.spin[0])
 
     def press(self, key: int) -> None:
-        """Do what a key stands for."""
+        """Execute the action of a key."""
         if key == STRIKE_KEY:
             self.strike()
         elif key == RESET_KEY:
@@ -80,17 +80,17 @@ def watch(
     session: ViewedWorld, show: Show, *, pace: float = 1.0, clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> None:  # fmt: skip
-    """Play in a viewer until it is closed; the first stroke at once.
+    """Play in a viewer until it is closed; the first stroke starts immediately.
 
     Args:
-        session: what is played.
-        show: opens a viewer: mujoco.viewer.launch_passive.
-        pace: seconds of the table for one of the clock.
+        session: the session to play.
+        show: opens a viewer, such as mujoco.viewer.launch_passive.
+        pace: simulated seconds per second of the clock.
         clock: returns the time [s].
         sleep: waits [s].
     """
-    pressed: queue.SimpleQueue[int] = queue.SimpleQueue()  # the viewer calls from a thread of its own
-    panels = {"show_left_ui": False, "show_right_ui": False}  # Tab brings them
+    pressed: queue.SimpleQueue[int] = queue.SimpleQueue()  # the viewer calls from its own thread
+    panels = {"show_left_ui": False, "show_right_ui": False}  # Tab shows them
     with show(session.world.mj_model, session.data, key_callback=pressed.put, **panels) as viewer:
         size = float(np.hypot(session.world.model.table.length, session.world.model.table.width))
         with viewer.lock():
@@ -112,12 +112,12 @@ def watch(
 
 
 def require_display() -> None:
-    """Raise BadInput, in one line, where no window can be opened."""
+    """Raise BadInput, in one line, if no window can be opened."""
     remedy = "run it on a desktop, or write pictures: --frames 50 --out DIR"
     if display_missing():
         raise BadInput(f"{NO_DISPLAY}; {remedy}")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns as well as returning the failure
+        warnings.simplefilter("ignore")  # it warns in addition to returning the failure
         import glfw
 
         if not glfw.init():
@@ -128,7 +128,7 @@ def open_viewer(session: ViewedWorld, pace: float) -> None:
     """Play in MuJoCo's viewer until its window is closed.
 
     Raises:
-        BadInput: where no window can be opened.
+        BadInput: if no window can be opened.
     """
     require_display()
     import mujoco.viewer
@@ -147,7 +147,7 @@ def write_frames(
     """Pictures of the stroke, 0001.png and so on, the first as the ball is struck.
 
     Raises:
-        BadInput: where nothing can be drawn, or the folder cannot be made.
+        BadInput: if nothing can be drawn, or the folder cannot be created.
     """
     from models.mjcf.painter import offscreen
     from models.mjcf.render import write_png

@@ -1,6 +1,6 @@
-"""A plan in words and as a table of strokes, for the terminal and Python.
+"""A plan as sentences and as a table of strokes, for the terminal and Python.
 
-In: billiard-plan/1 as plain values. Out: lines and rows of text, which nothing is read back from.
+In: billiard-plan/1 as plain values. Out: lines and rows of text, for reading only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ STROKE_HEADS = ("stroke", "string", "x'0 mm", "y'0 mm", "yaw deg", "potted", "fo
 
 
 def plan_lines(made: Mapping[str, Any]) -> list[str]:
-    """The stroke, why it was chosen, and how exactly the yaw must be set; or why there is none."""
+    """Lines on the stroke, the reason for it, and the tolerance of the yaw; or why there is none."""
     if not made["stroke"]:
         return [f"no shot: {made['why']}"]
     low, high = made["launcher"]["theta_tolerance_deg"]
@@ -25,7 +25,7 @@ def plan_lines(made: Mapping[str, Any]) -> list[str]:
 
 
 def stroke_rows(made: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """The best stroke, then the alternatives, under `STROKE_HEADS`; none where there is no stroke."""
+    """Rows of the best stroke and the alternatives, under `STROKE_HEADS`; empty without a stroke."""
     rows = []
     for one in (made, *made["alternatives"]) if made["stroke"] else ():
         terms, median = one["launcher"], one["rest"]["distance_median"]

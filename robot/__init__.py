@@ -1,1 +1,1 @@
-"""The launcher: driver and emulator, what its strokes do, plans played on it, and the loop that learns from them."""
+"""The launcher: driver and emulator, cueing map, play of plans, and the loop that learns from shots."""

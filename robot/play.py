@@ -1,15 +1,15 @@
-"""A plan played once: checks, the stroke, what was seen, and the record of what was done.
+"""Play a plan once: checks, stroke, film, and the record of the result.
 
-In: a plan file, a launcher, a camera. Out: PLAN.played.json beside the plan, and the film in a clip set.
+In: a plan file, a launcher, a camera. Out: PLAN.played.json next to the plan, and the filmed shot in a clip set.
 
-Nothing moves until plan, limits, scene and the places to write to are checked. Then: home or retract where the launcher
-needs it, the tip to its place, a confirmation by the operator, one stroke, the cue back, the film into a clip set. One
-call strikes at most once. Where the line failed after the stroke's command, the record says "unknown" and holds what
-was seen, nothing more moves, and StrokeUnknown is raised to the caller.
+Nothing moves until plan, limits, scene and output files are checked. Then: home or retract the launcher if necessary,
+position the tip, ask the operator for confirmation, strike once, retract the cue, add the filmed shot to a clip set.
+One call strikes at most once. If the line failed after the stroke's command, the record says "unknown" and holds what
+was seen, nothing else moves, and StrokeUnknown is raised to the caller.
 
-The planned string is struck where the launcher's calibration gives it the planned cue speed within half a step, and the
-nearest string of the calibration otherwise. The record is of the last play of its plan; clips are kept of all. Leaves
-out turning the stand, which is done by hand, and a plan whose balls have other names than the camera's.
+The planned string is used if the launcher's calibration gives it the planned cue speed within half a step, and
+otherwise the nearest calibrated string. The record is that of the last play of a plan; clips of all plays are kept.
+Left out: turning the stand, which is done by hand, and a plan whose balls have other names than the camera's.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from sysid.clips import Clip, ClipSet, CueCommand, Observation, read_clip_set, w
 from sysid.clips.trust import with_doubts
 
 PLAYED_FORMAT = "billiard-played/1"
-PLACE_TOLERANCE_M = 5e-3  # of a ball's place against the plan's
+PLACE_TOLERANCE_M = 5e-3  # default tolerance of a ball's position relative to the plan
 HALF_STRING_STEP = 0.5 * 2.45 / 199  # half the step of cue speed between the paper's strings [m/s]
-RADIUS_TOLERANCE_M = 1e-4  # of the settings' ball radius against the scene's
-POCKETED_DISTANCE_M = 0.15  # from a pocket, within which a ball that disappears has been pocketed
+RADIUS_TOLERANCE_M = 1e-4  # tolerance of the settings' ball radius relative to the scene's
+POCKETED_DISTANCE_M = 0.15  # a ball that disappears within this distance of a pocket was pocketed
 CUE_FIELDS = ("speed", "azimuth", "side", "height", "elevation")
 
 
@@ -50,7 +50,7 @@ class FilmedFrames:
     """The frames of a video that show a clip, counted from 0."""
 
     video: Path
-    first: int  # that of the clip's first sample
+    first: int  # frame of the clip's first sample
     last: int
 
 
@@ -64,22 +64,22 @@ class ShotCamera(Protocol):
     @property
     def fps(self) -> float: ...  # [1/s]
     @property
-    def sigma(self) -> float: ...  # of a place, each axis [m]
+    def sigma(self) -> float: ...  # noise of a position, each axis [m]
     @property
-    def doubts(self) -> tuple[str, ...]: ...  # why its calibration is not to be trusted
+    def doubts(self) -> tuple[str, ...]: ...  # reasons to doubt its calibration
     @property
-    def filmed(self) -> FilmedFrames | None: ...  # of the last film; None where there is no video
+    def filmed(self) -> FilmedFrames | None: ...  # of the last film; None without a video
 
     def look(self) -> Mapping[str, Array]:
-        """Where the resting balls are seen, by name: (2,) [m]."""
+        """Observed positions of the resting balls by name: (2,) [m]."""
         ...
 
     def arm(self) -> None:
-        """Begin to film: a stroke is about to be made."""
+        """Start filming, just before a stroke."""
         ...
 
     def film(self) -> Mapping[str, Observation]:
-        """The balls' places since the last film ended, t = 0 at the hit; empty where nothing was filmed."""
+        """The balls' tracks since the last film ended, t = 0 at the hit; empty if nothing was filmed."""
         ...
 
 
@@ -101,20 +101,20 @@ class Played:
     """The result of playing a plan."""
 
     struck: str  # "yes", "unknown", or "dry"
-    done: Done | None  # None where the stroke is unknown
+    done: Done | None  # None if the stroke is unknown
     when: str  # UTC, ISO 8601
     clip: str | None  # the file within the clip set
-    cue_end: tuple[float, float] | None  # where the cue ball ended [m]; None where it fell or was not seen
+    cue_end: tuple[float, float] | None  # resting place of the cue ball [m]; None if it fell or was not seen
     object_end: tuple[float, float] | None
-    cue_fell: bool | None  # None where its end was not seen
-    potted: bool | None  # the object ball, into a pocket that counts
-    pocket: str | None  # into which it fell
-    from_wanted: float | None  # of the cue ball from its wanted place [m]; None where none was wanted, or it fell
+    cue_fell: bool | None  # None if its end was not seen
+    potted: bool | None  # whether the object ball fell into a pocket that counts
+    pocket: str | None  # the pocket into which it fell
+    from_wanted: float | None  # distance of the cue ball from its wanted place [m]; None without one, or if it fell
     noted: tuple[str, ...]  # unusual events
 
 
 def played_file(plan: Path | str) -> Path:
-    """The record of a plan, beside it."""
+    """The file of a plan's record, next to the plan."""
     return Path(plan).with_suffix(".played.json")
 
 
@@ -122,7 +122,7 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
     """Read a plan for a launcher.
 
     Raises:
-        BadInput: no plan, no stroke in it, or one beyond the launcher's limits.
+        BadInput: not a plan, a plan without a stroke, or one beyond the launcher's limits.
     """
     data = read_plan(plan)
     if data.get("stroke") is None:
@@ -142,7 +142,7 @@ def read_order(plan: Path | str, settings: Settings) -> Order:
 
 
 def check_radius(settings: Settings, ball: Ball, which: str, remedy: str) -> None:
-    """BadInput where the launcher is set for other balls than `which`."""
+    """Raise BadInput if the launcher is set for other balls than `which`."""
     radius = 1e3 * ball.radius
     if abs(settings.stage.ball_radius_mm - radius) > 1e3 * RADIUS_TOLERANCE_M:
         raise BadInput(
@@ -152,7 +152,7 @@ def check_radius(settings: Settings, ball: Ball, which: str, remedy: str) -> Non
 
 
 def _string(planned: Any, wanted: float, settings: Settings) -> tuple[str, tuple[str, ...]]:
-    """The string to strike, within the limits, and notes on it."""
+    """The string to use, within the limits, and notes on it."""
     number = string_number(planned)
     table = settings.calibration
     low, high = table.strings[0], table.strings[-1]
@@ -179,19 +179,19 @@ def _number(data: Mapping[str, Any], section: str, name: str, plan: Path | str) 
 def check_scene(
     scene: Scene, seen: Mapping[str, Array], plan: Path | str, tolerance: float = PLACE_TOLERANCE_M
 ) -> None:
-    """BadInput names the ball that lies farthest from where the plan has it, is missing, or is one too many."""
-    remedy = "put it right, or plan again from a new picture"
+    """Raise BadInput for a missing or additional ball, or for the one farthest from its position in the plan."""
+    remedy = "correct it, or plan again from a new picture"
     for name in scene.names:
         if name not in seen:
             raise BadInput(f"{plan}: ball {name} is not seen on the table; {remedy}")
     for name, xy in seen.items():
         if name not in scene.names:
-            raise BadInput(f"{plan}: ball {name} lies at {_place(xy)} and is not in the plan; {remedy}")
+            raise BadInput(f"{plan}: ball {name} is at {_place(xy)}, but not in the plan; {remedy}")
     off = [float(np.hypot(*(seen[name] - xy))) for name, xy in zip(scene.names, scene.position, strict=True)]
     k = int(np.argmax(off))
     if not off[k] <= tolerance:
         raise BadInput(
-            f"{plan}: ball {scene.names[k]} lies {1e3 * off[k]:.1f} mm from where the plan has it, "
+            f"{plan}: ball {scene.names[k]} is {1e3 * off[k]:.1f} mm from its place in the plan, "
             f"at {_place(seen[scene.names[k]])}; {remedy} (within {1e3 * tolerance:g} mm)"
         )
 
@@ -213,33 +213,33 @@ def play_plan(
     """Play a plan once.
 
     Args:
-        plan: its file; PLAN.played.json is written beside it, but not by a dry run.
-        launcher: connected, or dry; its settings hold the limits.
-        camera: over the table; None: the scene is not checked and nothing is filmed.
-        confirm: called before the stroke with what will be done; None: no confirmation is needed.
-        clips: folder of the clip set to which the film is added; begun where there is none.
-        tolerance: of each ball's place [m].
-        say: called with what is being done.
+        plan: its file; PLAN.played.json is written next to it, except in a dry run.
+        launcher: connected, or for a dry run; its settings hold the limits.
+        camera: over the table; None to play without a check of the scene and without a film.
+        confirm: called before the stroke with a description of it; None if no confirmation is needed.
+        clips: folder of the clip set to which the filmed shot is added; created if necessary.
+        tolerance: of each ball's position [m].
+        say: called with a description of the current step.
 
     Raises:
         BadInput: for plan, limits, scene or a clip set of another table, before anything moves; or not confirmed.
-        NotStruck: the launcher is certain that it made no stroke.
-        StrokeUnknown: it may have been made; the played file says so.
-        LauncherError: the stroke was not reached.
+        NotStruck: the launcher certainly made no stroke.
+        StrokeUnknown: the stroke may have been made; the played file states this.
+        LauncherError: a fault before the stroke.
     """
     order = read_order(plan, launcher.settings)
     if camera is not None:
         _check_camera(order, camera, plan, tolerance)
     log = _clips_so_far(clips, camera)
     if not launcher.dry_run and not os.access(Path(plan).resolve().parent, os.W_OK):
-        raise BadInput(f"{played_file(plan)}: cannot be written; choose a folder that can")
+        raise BadInput(f"{played_file(plan)}: cannot be written; choose a writable folder")
     for note in order.notes:
         say(note)
     make_ready(launcher, say)
     placed = launcher.move_tip(order.x0_mm, order.y0_mm)
     what = f"yaw {order.yaw_deg:.2f} degrees, tip at {placed.x0_mm:+.2f}, {placed.y0_mm:+.2f} mm, string {order.string}"
     if confirm is not None and not launcher.dry_run and not confirm(what):
-        raise BadInput(f"not confirmed ({what}); nothing was struck, say yes to strike")
+        raise BadInput(f"not confirmed ({what}), so nothing was struck; answer yes to strike")
     if camera is not None and not launcher.dry_run:
         camera.arm()
     when = datetime.now(UTC).isoformat(timespec="milliseconds")
@@ -252,7 +252,7 @@ def play_plan(
     noted = (*order.notes, *done.noted)
     try:
         launcher.retract()
-    except LauncherError as error:  # the stroke has been made, and its result counts
+    except LauncherError as error:  # the stroke was made, and its result counts
         noted = (*noted, f"the cue is not back: {error}")
     if launcher.dry_run:
         return Played("dry", done, when, None, None, None, None, None, None, None, noted)
@@ -260,7 +260,7 @@ def play_plan(
 
 
 def _check_camera(order: Order, camera: ShotCamera, plan: Path | str, tolerance: float) -> None:
-    """BadInput where the camera sees another table than the plan's, or its balls elsewhere."""
+    """Raise BadInput if the camera sees another table than the plan's, or balls in other positions."""
     if (camera.table, camera.ball) != (order.scene.table, order.scene.ball):
         raise BadInput(
             f"{plan}: is for {order.scene.table}, {order.scene.ball}; the camera sees {camera.table}, {camera.ball}"
@@ -269,7 +269,7 @@ def _check_camera(order: Order, camera: ShotCamera, plan: Path | str, tolerance:
 
 
 def make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
-    """Home or retract where that is enough; a stopped launcher is not reset here."""
+    """Home or retract the launcher if that suffices; a stopped launcher is not reset here."""
     state = launcher.status().status.state
     if state == "UNHOMED":
         say("homing")
@@ -277,11 +277,11 @@ def make_ready(launcher: Launcher, say: Callable[[str], None]) -> None:
     elif state == "EXTENDED":
         launcher.retract()
     elif state != "IDLE":
-        raise LauncherError(f"the launcher is {state}; find out why, then: robot reset --port P")
+        raise LauncherError(f"the launcher is {state}; find the cause, then run: robot reset --port P")
 
 
 def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipSet | None:
-    """The clip set that the film will be added to; BadInput where it is of another table or camera."""
+    """The clip set for the filmed shot; BadInput if it is of another table or camera."""
     if folder is None or camera is None:
         return None
     new = ClipSet(camera.table, camera.ball, camera.fps, (), camera.sigma, Path(folder))
@@ -292,7 +292,7 @@ def _clips_so_far(folder: Path | str | None, camera: ShotCamera | None) -> ClipS
     for name in ("table", "ball", "fps", "sigma"):
         if getattr(old, name) != getattr(new, name):
             raise BadInput(
-                f"{folder}: its {name} is {getattr(old, name)}, this camera's {getattr(new, name)}; "
+                f"{folder}: its {name} is {getattr(old, name)}, but this camera's is {getattr(new, name)}; "
                 "name another folder for the clips"
             )
     return with_doubts(old, camera.doubts)
@@ -302,7 +302,7 @@ def add_clip(
     clip_set: ClipSet, balls: Mapping[str, Observation], struck: str, cue: CueCommand, note: str,
     filmed: FilmedFrames | None = None,
 ) -> ClipSet:  # fmt: skip
-    """The clip set with one more clip, under the next free number, and where its film is."""
+    """The clip set with one more clip, under the next free number, with a reference to its film."""
     taken, k = {clip.file for clip in clip_set.clips}, len(clip_set.clips) + 1
     while f"clips/{k:04d}.csv" in taken:
         k += 1
@@ -319,7 +319,7 @@ def _record(
     order: Order, done: Done | None, when: str, camera: ShotCamera | None, clips: Path | str | None,
     log: ClipSet | None, noted: tuple[str, ...],
 ) -> Played:  # fmt: skip
-    """What was seen, with the film written to the clip set."""
+    """The observed result, after adding the filmed shot to the clip set."""
     struck, film = "yes" if done else "unknown", camera.film() if camera is not None else {}
     cue, target, goal = *order.scene.names[:2], order.scene.goal
     clip = None
@@ -328,7 +328,7 @@ def _record(
             log = add_clip(log, film, cue, order.cue, f"played {when}", camera.filmed if camera else None)
             write_clip_set(log, clips)
             clip = log.clips[-1].file
-        except BadInput as error:  # the stroke has been made, its record must not be lost with the film
+        except BadInput as error:  # the stroke was made, and its record must not be lost with the film
             noted = (*noted, f"the film is lost: {error}")
     if cue not in film or target not in film:
         return Played(struck, done, when, clip, None, None, None, None, None, None, noted)
@@ -346,7 +346,7 @@ def _record(
 
 
 def _ended(seen: Observation, scene: Scene, until: float) -> tuple[tuple[float, float] | None, Pocket | None]:
-    """Where a ball ended [m], or the pocket that took it; neither where it was lost from view elsewhere."""
+    """Resting place of a ball [m], or the pocket into which it fell; neither if it was lost from view elsewhere."""
     if seen.time[-1] >= until:
         x, y = np.median(seen.xy[-5:], axis=0)
         return (float(x), float(y)), None
@@ -354,7 +354,7 @@ def _ended(seen: Observation, scene: Scene, until: float) -> tuple[tuple[float, 
 
 
 def pocket_near(xy: Array, table: Table) -> Pocket | None:
-    """The pocket that took a ball last seen at (2,) [m]; None where no pocket is near, or the table has none."""
+    """The pocket of a ball last seen at (2,) [m]; None if no pocket is near, or the table has none."""
     if not table.pockets:
         return None
     places = pocket_places(table)
@@ -364,7 +364,7 @@ def pocket_near(xy: Array, table: Table) -> Pocket | None:
 
 
 def _kept(plan: Path | str, order: Order, played: Played, clips: Path | str | None) -> Played:
-    """What was played, written to the played file, whole; noted where it cannot be, since the stroke has been made."""
+    """Write the result to the played file; a failure is only noted, since the stroke was made."""
     result = dataclasses.asdict(played)
     clip = None if played.clip is None else {"folder": str(clips), "file": played.clip}
     head = {"format": PLAYED_FORMAT, "plan": Path(plan).name, "stroke": dataclasses.asdict(order.cue)}

@@ -9,9 +9,9 @@
     found = sysid.discover(clips)       # .verdict, .model, .last, .unexplained, .save("out")
     sysid.export(found, "table.xml")    # the table as plain MJCF, for any MuJoCo
 
-All results are frozen values; arrays are NumPy's, in SI. They print as short tables, show themselves in notebooks, turn
-into data frames (`.frame()`), and write their page (`.report("page.html")`). What goes wrong with a file or a value
-raises `models.BadInput`. Long work reports to the logger "sysid".
+All results are frozen values; arrays are NumPy's, in SI. They print as short tables, display in notebooks, convert to
+data frames (`.frame()`), and write a report (`.report("page.html")`). A faulty file or value raises
+`models.BadInput`. Long work reports its progress to the logger "sysid".
 """
 
 from typing import TYPE_CHECKING

@@ -1,8 +1,8 @@
-"""The verbs of the `sysid` command as functions: what `from sysid import fit` gives.
+"""The verbs of the `sysid` command as functions, as `from sysid import fit` imports them.
 
-In: a `ClipSet`, and a `Model` to start from or a result that has one: the base (decoupled cloth, frictional impacts) if
-none is given. Out: the results of the rooms below, frozen values, which here also print as short tables, become data
-frames and write their report. Nothing is computed twice: the commands call the same functions.
+In: a `ClipSet`, and a start `Model` or a result with one; by default the base (decoupled cloth, frictional impacts).
+Out: the results of the packages below, frozen values, which here also print as short tables, convert to data frames and
+write a report. The commands call the same functions.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from sysid.selection.discover import discover as discover_effects
 from sysid.selection.judgement import ERROR_RATE
 from sysid.selection.result import DiscoveryResult, Show
 
-SDS_OF_95_PERCENT = 1.96  # standard deviations to either side
-CALLED_FROM = "sysid.discover"  # what model files name as their origin
+SDS_OF_95_PERCENT = 1.96  # half width of a 95 % interval, in standard deviations
+CALLED_FROM = "sysid.discover"  # the origin that model files state
 Result = TypeVar("Result")
 
 
 def _as(kind: type[Result], found: Any, **more: Any) -> Result:
-    """A result of a room below as one of those here, with what it is of."""
+    """A result of a package below, extended by its inputs."""
     return kind(**{f.name: getattr(found, f.name) for f in dataclasses.fields(found)}, **more)
 
 
@@ -58,18 +58,18 @@ class ComparedClips(Presented, Comparison):
     """A comparison; prints medians and the worst clips."""
 
     def sheet(self) -> Sheet:
-        """The worst clips; the data frame has all."""
+        """A table of the worst clips; the data frame has all."""
         columns = {f.name: [getattr(c, f.name) for c in self.clips] for f in dataclasses.fields(self.clips[0])}
         heads, *rows = worst_rows(self)
         return Sheet(columns, heads, tuple(rows), tuple(summary_lines(self)))
 
     def report(self, path: Path | str, label: str = "this model") -> None:
-        """Write the report, one HTML file; BadInput where it cannot be written."""
+        """Write the report, one HTML file; BadInput if it cannot be written."""
         title = f"Model against {len(self.clips)} clips"
         write_report(path, title, [(label, self)], notes=in_words(self))
 
     def sample_frame(self) -> Any:
-        """A data frame with a row for every sample: where it was measured, and by how much the model misses it [m]."""
+        """A data frame with a row for every sample: measured position, and the model's error [m]."""
         s = self.samples
         columns: dict[str, Any] = {"clip": [self.clips[int(k)].file for k in s.clip], "ball": s.ball, "time": s.time}
         columns |= {"x": s.xy[:, 0], "y": s.xy[:, 1], "miss_x": s.residual[:, 0], "miss_y": s.residual[:, 1]}
@@ -87,7 +87,7 @@ class ComparedClips(Presented, Comparison):
             file = chosen_clip(self.clip_set, str(clip), self.clip_set.folder).file
         files = [shot.file for shot in self.shots]
         if file not in files:
-            raise BadInput(f"{file}: was not compared; choose one of {listed(files)}")
+            raise BadInput(f"{file}: is not part of the comparison; choose one of {listed(files)}")
         k = files.index(file)
         drawn = shot_figure(self.shots[k], self.clip_set.table, self.clip_set.ball, [("model", self.tracks[k])])
         return Picture(f"shot {file}", *drawn)
@@ -100,7 +100,7 @@ class FittedClips(Presented, ClipFit):
     clips: ClipSet = dataclasses.field(kw_only=True)
 
     def sheet(self) -> Sheet:
-        """Every constant with its interval of 95 %."""
+        """A table of every constant with its 95 % interval."""
         columns: dict[str, list[Any]] = {name: [] for name in ("constant", "value", "sd", "low", "high", "unit")}
         rows = []
         for name, (value, sd) in self.constants.items():
@@ -119,21 +119,21 @@ class FittedClips(Presented, ClipFit):
             f"{used} clips, rms miss {millimetres(self.fitted.miss)}; {len(held.clips) if held else 0} held out, "
             f"{millimetres(self.fitted.held_miss)}; noise {millimetres(self.parts.noise)} an axis"
         )
-        doubt = () if self.converged else ("NOT converged: the constants are those at which the fit stopped",)
+        doubt = () if self.converged else ("NOT converged: the constants are those where the fit stopped",)
         return Sheet(columns, ("constant", "value", "95 % interval", "unit"), tuple(rows), (line, *doubt))
 
     @cached_property
     def comparison(self) -> ComparedClips:
-        """The fitted model against all clips."""
+        """The comparison of the fitted model with all clips."""
         states = self.parts.states_of(self.fitted, [c.file for c in self.clips.clips])
         return _as(ComparedClips, compare_clips(self.clips, self.model, states))
 
     def report(self, path: Path | str) -> None:
-        """Write the report, one HTML file; BadInput where it cannot be written."""
+        """Write the report, one HTML file; BadInput if it cannot be written."""
         self.comparison.report(path, "fitted")
 
     def save(self, path: Path | str) -> None:
-        """Write the model file; BadInput where it cannot be written."""
+        """Write the model file; BadInput if it cannot be written."""
         write_model(self.model, path)
 
 
@@ -144,7 +144,7 @@ class DiagnosedClips(Presented, ClipDiagnosis):
     clips: ClipSet = dataclasses.field(kw_only=True)
 
     def sheet(self) -> Sheet:
-        """The candidates, best first."""
+        """A table of the candidates, best first."""
         seen = self.diagnosis.screening
         heads, *rows = round_rows(seen)
         columns: dict[str, list[Any]] = {
@@ -158,12 +158,12 @@ class DiagnosedClips(Presented, ClipDiagnosis):
 
     @cached_property
     def comparison(self) -> ComparedClips:
-        """The model that was diagnosed against all clips."""
+        """The comparison of the diagnosed model with all clips."""
         states = self.parts.states_of(self.fitted, [c.file for c in self.clips.clips])
         return _as(ComparedClips, compare_clips(self.clips, self.fitted.model, states))
 
     def report(self, path: Path | str, notes: Sequence[str] | None = None) -> None:
-        """Write the report, one HTML file; BadInput where it cannot be written."""
+        """Write the report, one HTML file; BadInput if it cannot be written."""
         lines = [*self.sheet().lines, *shot_lines(self.next_shots)] if notes is None else notes
         rounds = (self.diagnosis.screening,)
         compared = [("base", self.comparison)]
@@ -198,31 +198,31 @@ class Discovery(Presented, DiscoveryResult):
 
     @cached_property
     def compared(self) -> list[tuple[str, Comparison]]:
-        """The first and the last model against all clips, with their labels; then the last with its formula, if any."""
+        """Labelled comparisons of the first and the last model with all clips, then of the last with its formula."""
         ends = compared_ends(self.clips, self, CALLED_FROM)
         return [*ends, *compared_with_formula(self.clips, self, CALLED_FROM)]
 
     def report(self, path: Path | str) -> None:
-        """Write the report, one HTML file; BadInput where it cannot be written."""
+        """Write the report, one HTML file; BadInput if it cannot be written."""
         write_discovery(path, self.clips, self, self.compared)
 
     def save(self, folder: Path | str) -> None:
-        """Write model.toml, result.json, report.html and review.rrd into a folder, which is made."""
+        """Write model.toml, result.json, report.html and review.rrd into a folder, which is created."""
         write_outcome(made_folder(folder), self.clips, self, Progress(), math.nan, CALLED_FROM)
 
 
 def compare(clips: ClipSet, model: Model | HasModel | None = None) -> ComparedClips:
-    """Where a model fails: initial states fitted, its constants held."""
+    """Compare a model with clips: initial states are fitted, constants are held."""
     return _as(ComparedClips, compare_clips(clips, _start(clips, model)))
 
 
 def fit(clips: ClipSet, model: Model | HasModel | None = None) -> FittedClips:
-    """Every constant of a model fitted, each with its standard deviation; every fifth clip is held out."""
+    """Fit every constant of a model, with its standard deviation; every fifth clip is held out."""
     return _as(FittedClips, fit_clips(clips, _start(clips, model)), clips=clips)
 
 
 def diagnose(clips: ClipSet, model: Model | HasModel | None = None, error_rate: float = ERROR_RATE) -> DiagnosedClips:
-    """Which effect of the catalogue a model lacks, if any."""
+    """Diagnose which effect of the catalogue a model lacks, if any."""
     return _as(DiagnosedClips, diagnose_clips(clips, _start(clips, model), error_rate), clips=clips)
 
 
@@ -230,7 +230,7 @@ def discover(
     clips: ClipSet, model: Model | HasModel | None = None, show: Show = lambda found: None,
     error_rate: float = ERROR_RATE,
 ) -> Discovery:  # fmt: skip
-    """Fit, diagnose and add effects until nothing likely remains; `show` gets the result so far after each."""
+    """Fit, diagnose and add effects until nothing likely remains; `show` is called with the result after each."""
     return _as(Discovery, discover_effects(clips, _start(clips, model), show, error_rate), clips=clips)
 
 
@@ -238,18 +238,18 @@ def export(
     model: Model | HasModel, path: Path | str, *, balls: Sequence[str] | Mapping[str, Any] | None = None,
     launcher: bool = False, bare: bool = False, origin: str = "",
 ) -> PlainTable:  # fmt: skip
-    """Write a model as plain MJCF, for any MuJoCo and without code of ours; what that leaves out comes back.
+    """Write a model as plain MJCF for any MuJoCo, without our code; returns what the file leaves out.
 
     Args:
         model: a model, or a result that has one.
         path: of the file.
-        balls: names, or places (2,) [m] by name, the ball to be struck first; without, a frame of snooker.
+        balls: names, or places (2,) [m] by name, the struck ball first; by default a snooker frame.
         launcher: with the cue launcher behind the first ball.
-        bare: without what is only seen.
+        bare: without purely visual parts.
         origin: where the model comes from, for the head of the file.
 
     Raises:
-        BadInput: for balls that no file can have, or a file that cannot be written.
+        BadInput: for invalid balls, or a file that cannot be written.
     """
     own = model_of(model).as_played()
     places = balls if isinstance(balls, Mapping) else places_of(own, balls)
@@ -259,6 +259,6 @@ def export(
 
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:
-    """The model that was given, or the base for this table; compiles first what must be, and says so."""
+    """The given model, or the base for this table; announces and does any compilation first."""
     prepare()
     return full_model(clips.table, clips.ball) if model is None else model_of(model)

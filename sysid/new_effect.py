@@ -1,4 +1,4 @@
-"""A user's own effect: a file to fill in, which runs as it is, with its test beside it."""
+"""Files of a new effect: a template, which runs as written, and its test."""
 
 from __future__ import annotations
 
@@ -40,35 +40,35 @@ class {cls}(Effect):
     # the parameters in self and the state that they are given (its fields: models/hooks.py).
 
     def forces(self, ball: BallState) -> None:
-        """What pushes a ball: add to ball.ax, ball.ay [m/s^2] and ball.bx, ball.by, ball.bz [rad/s^2]."""
+        """Forces on a ball: add to ball.ax, ball.ay [m/s^2] and ball.bx, ball.by, ball.bz [rad/s^2]."""
         if ball.rolling:
             push_along(ball, -self.rate * math.hypot(ball.vx, ball.vy), 0.0)  # along the motion, and to the left of it
 
     # def horizon(self, ball: BallState) -> float:
-    #     """How long until that force switches [s]; only for one that jumps: what varies smoothly needs none."""
+    #     """Time until that force switches [s]; needed only for one that jumps, not for a smooth one."""
     #     return 2.0 - ball.time if ball.time < 2.0 else math.inf
 
     # def impact(self, hit: ImpactState) -> None:
-    #     """Before a contact: change hit.restitution, hit.friction."""
+    #     """Called before a contact: change hit.restitution, hit.friction."""
     #     if hit.cushion:
     #         hit.restitution -= self.rate * (hit.approach - 1.0)
 
     # def strike(self, cue: StrokeState) -> None:
-    #     """Once: what the struck ball really gets, velocity [m/s] and spin [rad/s]."""
+    #     """Called once: change the velocity [m/s] and spin [rad/s] that the struck ball gets."""
     #     cue.vx *= 1.0 - self.rate
     #     cue.vy *= 1.0 - self.rate
 
     # def exposures(self, stamp: float) -> float:
-    #     """When the camera really looked, for a time stamp that it reports [s]."""
+    #     """True time of an exposure, for a time stamp that the camera reports [s]."""
     #     return stamp / (1.0 + self.rate)
 
     # def observe(self, image: ImageState) -> None:
-    #     """What the camera reports of a ball: move image.x, image.y [m]."""
+    #     """Change the position that the camera reports of a ball: image.x, image.y [m]."""
     #     image.x *= 1.0 + self.rate
     #     image.y *= 1.0 + self.rate
 
     # def edit(self, spec: mujoco.MjSpec) -> None:
-    #     """Change the MJCF before MuJoCo reads it; not compiled. Such an effect plays in MuJoCo alone."""
+    #     """Change the MJCF before MuJoCo reads it; not compiled. Such an effect works in MuJoCo alone."""
     #     spec.option.density = 1.2
 '''
 
@@ -97,7 +97,7 @@ def test_it_keeps_the_contract(contract: str) -> None:
 
 
 def speeds(**values: float) -> Array:
-    """How fast a ball is that rolls off at 1 m/s along x, with the effect at these values: (21,) [m/s], for 1 s."""
+    """Speeds of a ball that starts rolling at 1 m/s along x, with the effect at these values: (21,) [m/s], for 1 s."""
     spin = np.array([[0.0, 1.0 / BALL.radius, 0.0]])
     shot = Shot(("cue",), np.zeros((1, 2)), np.array([[1.0, 0.0]]), spin, np.linspace(0, 1, 21))
     [track] = simulate(full_model(TABLE, BALL).add(KIND(**values)), [shot])
@@ -109,7 +109,7 @@ TEST_TEMPLATE = (
     TEST_HEAD
     + '''
 def test_its_physics() -> None:
-    """Replace by what your formula says of a case that can be worked out by hand."""
+    """Replace this by a prediction of your formula for a case that can be calculated by hand."""
     time, rolling = np.linspace(0, 1, 21), 0.0127 * 9.81  # v' = -rolling - rate v
     expected = (1 + rolling / 0.05) * np.exp(-0.05 * time) - rolling / 0.05
     np.testing.assert_allclose(speeds(rate=0.05), expected, atol=1e-4)
@@ -120,7 +120,7 @@ TEST_OF_FORMULA = (
     TEST_HEAD
     + '''
 def test_its_physics() -> None:
-    """Replace by what the formula says of a case that can be worked out by hand, such as speeds(rate=0.05)."""
+    """Replace this by a prediction for a case that can be calculated by hand, such as speeds(rate=0.05)."""
     assert np.all(np.isfinite(speeds()))
 '''
 )
@@ -131,60 +131,60 @@ def checked_name(name: str) -> str:
     words = re.sub(r"[^a-z0-9]+", "_", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()).strip("_0123456789")
     if not re.fullmatch(r"[a-z][a-z0-9]*(_[a-z][a-z0-9]*)*", name):
         hint = f", such as {words}" if re.fullmatch(r"[a-z][a-z0-9]*(_[a-z][a-z0-9]*)*", words) else ""
-        raise BadInput(f"{name!r} is no name for an effect; give words in small letters joined by _{hint}")
+        raise BadInput(f"{name!r} is not a valid effect name; use lowercase words joined by _{hint}")
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in ("native", "effect", "conftest"):
-        raise BadInput(f"{name!r} means something else to Python or to models; choose another name")
+        raise BadInput(f"{name!r} is reserved by Python or models; choose another name")
     if name.startswith("test_"):
-        raise BadInput(f"{name!r} would be taken for a test; choose a name that does not begin with test_")
+        raise BadInput(f"{name!r} would be collected as a test; choose a name that does not begin with test_")
     known = catalogue()
     if name in known:
-        raise BadInput(f"{name!r} is in the catalogue already (sysid effects {name}); choose another name")
+        raise BadInput(f"{name!r} is already in the catalogue (sysid effects {name}); choose another name")
     return name
 
 
 def class_name(name: str) -> str:
-    """The effect's class: table_tilt -> TableTilt."""
+    """The name of the effect's class: table_tilt -> TableTilt."""
     return "".join(word.capitalize() for word in name.split("_"))
 
 
 def write(name: str, folder: Path | str, source: str | None = None) -> tuple[Path, Path]:
-    """Write an effect's file and its test into a folder, which is made; returns both paths.
+    """Write an effect's file and its test into a folder, which is created; returns both paths.
 
     Args:
         name: of the effect, in snake case, not in the catalogue.
-        folder: where they go; nothing there is overwritten.
-        source: full text of the effect's file; the template where not given.
+        folder: for both files; nothing in it is overwritten.
+        source: full text of the effect's file; by default the template.
     """
     folder = Path(folder)
     checked_name(name)
     effect, test = folder / f"{name}.py", folder / f"test_{name}.py"
     for path in (effect, test):
         if path.exists() or path.is_symlink():
-            raise BadInput(f"{path}: is there already; choose another name or folder")
+            raise BadInput(f"{path}: already exists; choose another name or folder")
     if folder.exists() and not folder.is_dir():
-        raise BadInput(f"{folder}: is no folder; name one")
+        raise BadInput(f"{folder}: is not a folder; name one")
     title = name.replace("_", " ").capitalize()
     text = EFFECT_TEMPLATE.format(title=title, cls=class_name(name)) if source is None else source
     write_whole(effect, text.encode(), parents=True)
     try:
         write_whole(test, (TEST_TEMPLATE if source is None else TEST_OF_FORMULA).format(name=name).encode())
-    except BaseException:  # both or none: the same command goes on once there is room
+    except BaseException:  # both or none, so that the same command works once there is room
         effect.unlink(missing_ok=True)
         raise
     return effect, test
 
 
 def source_of(path: Path | str, name: str) -> str:
-    """The text of an effect that does what a result's unexplained structure says."""
+    """The text of an effect with the formula of a result's unexplained structure."""
     path, faults = Path(path), Faults()
     where = one_line(str(path))
     result = faults.settle(read_document(path, where, faults, "name a result.json", json.loads))
     found = result.get("unexplained") if isinstance(result, dict) else None
     if not isinstance(found, dict):
-        raise BadInput(f"{where}: leaves nothing unexplained; begin with the template: sysid new-effect {name}")
+        raise BadInput(f"{where}: leaves nothing unexplained; start from the template: sysid new-effect {name}")
     if not found.get("terms"):
         raise BadInput(
-            f"{where}: what is unexplained comes without a formula; begin with the template: sysid new-effect {name}"
+            f"{where}: the unexplained structure has no formula; start from the template: sysid new-effect {name}"
         )
     try:
         return source_from(name, found, f"sysid discover, {path.name}")

@@ -1,4 +1,4 @@
-"""Compile, once, all that commands play and fit with: `python -m sysid.prepare`, or the first command that needs it.
+"""Compile all engine code once: `python -m sysid.prepare`, or automatically by the first command that needs it.
 
 Compiled code is kept beside its sources (models/compiled.py), so that later starts only load it.
 """
@@ -22,11 +22,11 @@ from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.least_squares import fit_each
 
-NOISE_SD_M = 5e-4  # of the clip that is fitted
+NOISE_SD_M = 5e-4  # noise of the clip that is fitted
 
 
 def prepare() -> None:
-    """Compile what is not compiled yet, after a line that says so."""
+    """Compile whatever is not yet compiled, and announce it in a line."""
     if is_ready():
         return
     note_compiling()
@@ -40,7 +40,7 @@ def prepare() -> None:
 
 
 def _play() -> None:
-    """Shots in both engines, of the base and where effects push and see."""
+    """Play shots in both engines, of the base and with effects of forces and camera."""
     base = full_model(SNOOKER_TABLE, SNOOKER_BALL)
     rich = base.add(effect_class("table_tilt")()).add(effect_class("lens_distortion")())
     place, velocity = np.array([[-0.2, 0.0], [0.2, 0.01], [0.2526, 0.0]]), np.zeros((3, 2))
@@ -53,7 +53,7 @@ def _play() -> None:
 
 
 def _fit() -> None:
-    """A fit of two balls and of a segment."""
+    """Fit a shot of two balls and a segment."""
     time = np.linspace(0, 0.5, 12)
     path = np.column_stack([0.8 * time, np.zeros(12)])
     cue = Observation(time, path, np.full(12, np.nan))

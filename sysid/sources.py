@@ -1,4 +1,4 @@
-"""Clip sets from elsewhere, as functions: `sysid.import_tracks` and `sysid.track`, what the commands of these names do.
+"""Functions that make clip sets: `sysid.import_tracks` and `sysid.track`, like the commands of these names.
 
 In: files of another program, or a film and its camera file. Out: a `ClipSet`, in memory.
 """
@@ -25,22 +25,22 @@ def import_tracks(
     camera: PathLike | None = None, *, mass: float | None = None, unit: str | None = None, origin: str | None = None,
     x_along: str | None = None, y: str | None = None, **stated: Any,
 ) -> ClipSet:  # fmt: skip
-    """Tracks of another program as a clip set; what is not stated is looked for in them, as `sysid import` does.
+    """Import tracks of another program as a clip set; what is not stated is inferred from them, as by `sysid import`.
 
     Args:
-        files: CSV, JSON or Parquet, a shot each or with a column for the shot.
-        table: by name, such as "pool 9 ft", or by size, such as "1.881x0.943" [m]; a camera file knows its own.
-        diameter: of the balls [m]; a named table and a camera file know it.
-        camera: file of the camera, where coordinates are pixels.
-        mass: of a ball [kg]; by default a usual one's of this size.
+        files: CSV, JSON or Parquet, one shot each or with a column for the shot.
+        table: by name, such as "pool 9 ft", or by size, such as "1.881x0.943" [m]; a camera file includes it.
+        diameter: of the balls [m]; a named table and a camera file imply it.
+        camera: file of the camera, if coordinates are pixels.
+        mass: of a ball [kg]; by default the usual mass at this size.
         unit: m, cm, mm, in or ft.
         origin: "centre" or "corner".
         x_along: side that x runs along, "length" or "width".
         y: "up", or "down" as in pictures.
-        stated: others of `Stated`: time, fps, struck, running, columns, turned.
+        stated: other fields of `Stated`: time, fps, struck, running, columns, turned.
 
     Raises:
-        BadInput: what is wrong with a file, or the argument that settles a doubt.
+        BadInput: a faulty file, or an ambiguity, with the argument that resolves it.
     """
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     pixels, doubts = None, tuple[str, ...]()
@@ -59,7 +59,7 @@ def import_tracks(
     ):  # fmt: skip
         if value is not None and value not in allowed:
             raise BadInput(f"{name} = {value!r}: give {' or '.join(map(repr, allowed))}")
-    told = Stated(
+    statements = Stated(
         unit, None if origin is None else origin == "corner", None if x_along is None else x_along == "width",
         None if y is None else y == "down", **stated,
     )  # fmt: skip
@@ -68,7 +68,7 @@ def import_tracks(
 
 
 def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:
-    """Table and balls by name, or by size."""
+    """Table and balls, by name or by size."""
     if table is None:
         raise BadInput('table is missing: give a name, such as "pool 8 ft", or a size, such as "3.569x1.778"')
     found = find_table(table)
@@ -78,21 +78,21 @@ def _sizes(table: str | None, diameter: float | None, mass: float | None) -> Tab
         size = diameter or found.ball.diameter
         return TableSet(found.table, Ball(size, mass or usual_mass(size)[0]))
     if diameter is None:
-        raise BadInput(f"table = {table!r}: a size says nothing of the balls; give diameter, such as 0.0525")
+        raise BadInput(f"table = {table!r}: a size does not determine the balls; give diameter, such as 0.0525")
     return TableSet(found, Ball(diameter, mass or usual_mass(diameter)[0]))
 
 
 def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: float | None = None) -> ClipSet:
-    """The shots of a film as a clip set, as `sysid track` finds them.
+    """Track the shots of a film as a clip set, like `sysid track`.
 
     Args:
         video: a film, a folder of pictures, or a pattern of their names.
         camera: its camera file, of `sysid calibrate`.
-        fps: frames taken in a second, where the film does not say so [1/s].
-        mass: of a ball [kg]; by default a usual one's of this size.
+        fps: true frame rate, if the film does not state it [1/s].
+        mass: of a ball [kg]; by default the usual mass at this size.
 
     Raises:
-        BadInput: what is wrong with the film, or that no shot is seen in it.
+        BadInput: for a faulty film, or one without a shot.
     """
     from sysid.vision import Taken, read_camera, track_film
 
@@ -100,5 +100,5 @@ def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: 
     tell_doubts(camera, seen.doubts)
     found = track_film(str(video), Taken.of(seen, camera, fps=fps, mass=mass))
     if found.clips is None:
-        raise BadInput(f"{video}: no shot is seen in it: film one from before the strike until the balls rest")
+        raise BadInput(f"{video}: no shot was found in it: film one from before the strike until the balls rest")
     return found.clips

@@ -1,13 +1,13 @@
-"""Files of users and of our own: read within bounds, decoded, their faults collected; written whole or not at all.
+"""Files: read within limits, decoded, with faults collected; written completely or not at all.
 
 limits      the budgets of all readers
 documents   TOML, JSON and text, read within bounds
-writing     files written, and lines added, whole or not at all
-made        results replaced by the command and input that made them, or not at all; record: what says so in a file
-decode      parsed data into dataclasses, with every fault by its place
+writing     files written, and lines added, completely or not at all
+made        results that only their own command and input replace; record: the mark of the origin in a file
+decode      parsed data decoded into dataclasses, with every fault and its place
 tables      CSV, row by row
 texts       columns of texts, packed
-alone       one run at a time in a place
+alone       a lock for one run at a time in a place
 faults      faults of an input, one line each, with the remedy
 """
 

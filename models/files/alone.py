@@ -1,4 +1,4 @@
-"""One run at a time in a place: a lock that ends with its process, however that ends."""
+"""A lock that allows one run at a time in a place, and ends with its process in any case."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from models.files.writing import unwritable
 
 @contextlib.contextmanager
 def alone_in(path: Path | str) -> Iterator[None]:
-    """Hold a folder, or file, that another run must not write meanwhile; it need not be there yet.
+    """Lock a folder, or file, against other runs; it need not exist yet.
 
-    The lock is that of an empty hidden file beside it, which is removed in the end. Runs on other computers that share
-    a disk may not see it.
+    The lock is an empty hidden file next to it, which is removed at the end. Runs on other computers that share a disk
+    may not see it.
 
     Raises:
         BadInput: another run holds it, or it is the root.
     """
     target = Path(os.path.realpath(path))
     if not target.name:
-        raise BadInput(f"{path}: is the root of all folders; name a folder in it")
+        raise BadInput(f"{path}: is the root folder; name a folder in it")
     lock = target.with_name(f".{target.name}.lock")
     made = [parent for parent in lock.parents if not parent.exists()]
     try:
@@ -46,12 +46,12 @@ def alone_in(path: Path | str) -> Iterator[None]:
 
 
 def _open(lock: Path, target: Path) -> int | None:
-    """The lock's descriptor; None where another process holds it."""
+    """The lock's descriptor; None if another process holds it."""
     while True:
         try:
             held = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
         except PermissionError:
-            held = os.open(target, os.O_RDONLY)  # nothing can be made beside it: a folder can be locked itself
+            held = os.open(target, os.O_RDONLY)  # no file can be created next to it, but a folder itself can be locked
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -62,4 +62,4 @@ def _open(lock: Path, target: Path) -> int | None:
             raise
         if os.fstat(held).st_nlink:
             return held
-        os.close(held)  # removed by the run that ended just now
+        os.close(held)  # removed by a run that has just ended

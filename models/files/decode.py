@@ -1,11 +1,11 @@
-"""Files decoded into dataclasses: every fault in one line that names the key, its place, the value and the remedy.
+"""Decoding of files into dataclasses: every fault is one line with the key, its place, the value and the remedy.
 
-In: parsed TOML or JSON, and a dataclass whose fields are the keys. Out: its value; faults in those of the `Place`.
+In: parsed TOML or JSON, and a dataclass whose fields are the keys. Out: its value; faults are added to the `Place`.
 
-A field's type says what a key takes: a number, text, true or false, numbers in brackets (of a `shape`), another
-dataclass, a table (Mapping) or a list of tables; `Allowed` says more of it, or the `param` of an effect. What a
-dataclass refuses in its __post_init__ is a fault of its table. Leaves out what keys of different tables have to do with
-each other: the readers check it.
+A field's type defines the values of a key: a number, text, true or false, numbers in brackets (of a `shape`), another
+dataclass, a table (Mapping) or a list of tables; `Allowed`, or the `param` of an effect, restricts them. An error in a
+dataclass's __post_init__ is a fault of its table. Left out: relations between keys of different tables, which the
+readers check.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ TABLE_HEADING = re.compile(r"\s*\[\[?\s*([^\[\]]*?)\s*\]\]?\s*(#.*)?$")
 
 @dataclass(frozen=True)
 class Allowed:
-    """What a key of a file takes, beside its type: `Annotated[float, Allowed(0.2, 10.0, "m")]`."""
+    """Restrictions of a key's value, besides its type: `Annotated[float, Allowed(0.2, 10.0, "m")]`."""
 
     low: float = -math.inf
     high: float = math.inf
     unit: str = "1"
-    shape: tuple[int | None, ...] = ()  # of numbers in brackets, None where their count is free
-    form: str = ""  # what messages ask for
-    nan: bool = False  # a number may be nan
-    needs: tuple[str, ...] = ()  # keys with defaults that must be in a table
-    reader: Callable[[Any], Any] | None = None  # of a value of several forms; BadInput names what is wrong in it
+    shape: tuple[int | None, ...] = ()  # of numbers in brackets; None for a free count
+    form: str = ""  # the expected form, for messages
+    nan: bool = False  # whether a number may be nan
+    needs: tuple[str, ...] = ()  # required keys of a table, despite their defaults
+    reader: Callable[[Any], Any] | None = None  # reads a value of several forms; BadInput names a fault
 
 
 @dataclass(frozen=True)
 class Place:
-    """A table of a file: the top level, `[name]`, or the `[[name]]` of an `index` from 0; and where its faults go."""
+    """A table of a file (top level, `[name]`, or `[[name]]` number `index` from 0), with its list of faults."""
 
     file: str
     faults: Faults
-    text: str = ""  # of the file, for line numbers in messages; without it they name the table
+    text: str = ""  # text of the file, for line numbers in messages; without it they name the table
     name: str = ""
     index: int | None = None
-    within: str = ""  # key of this table, and a dot, that holds the inline table meant
+    within: str = ""  # key of the inline table within this table, and a dot
 
     def fault(self, text: str, key: str = "") -> None:
         """Add a fault of a key, or of the table."""
@@ -63,13 +63,13 @@ class Place:
             self.faults.add(self.file + named, text)
 
     def below(self, key: str, index: int | None = None) -> Place:
-        """The table of a key."""
+        """The place of the table under a key."""
         if self.name and self.text:
             return dataclasses.replace(self, within=f"{key}.")
         return dataclasses.replace(self, name=f"{self.name}.{key}" if self.name else key, index=index)
 
     def line(self, key: str = "") -> int | None:
-        """Line number of a key, else of the table; None when neither is found."""
+        """Line number of a key, else of the table; None if neither is found."""
         tables = _lines_of(self.text)
         table, keys = tables.get((self.name, self.index or 0), (None, {}))
         if key in keys:
@@ -81,7 +81,7 @@ class Place:
 
 @lru_cache(maxsize=4)
 def _lines_of(text: str) -> dict[tuple[str, int], tuple[int | None, dict[str, int]]]:
-    """By a table's name, and its number among those of the name: its line, and those of its keys."""
+    """Lines of tables and of their keys, by a table's name and its number among those of that name."""
     keys: dict[str, int] = {}
     found: dict[tuple[str, int], tuple[int | None, dict[str, int]]] = {("", 0): (None, keys)}
     seen: Counter[str] = Counter()
@@ -96,9 +96,9 @@ def _lines_of(text: str) -> dict[tuple[str, int], tuple[int | None, dict[str, in
 
 
 def of_format(data: object, form: str, kind: Any, place: Place) -> Mapping[str, Any] | None:
-    """The keys of a file beside its format; None, with the fault noted, where that is another: it may mean anything."""
+    """The keys of a file other than its format; None, with the fault noted, if the format is another one."""
     if not isinstance(data, Mapping):
-        place.fault(f'{shown(data)} is no {form}: give format = "{form}" and its tables')
+        place.fault(f'{shown(data)} is not a {form}: give format = "{form}" and its tables')
         return None
     keys, version = ("format", *_taken(kind)), data.get("format")
     if version == form:
@@ -112,7 +112,7 @@ def of_format(data: object, form: str, kind: Any, place: Place) -> Mapping[str, 
 def decode(
     kind: type[Kind], data: object, place: Place, extra: dict[str, Any] | None = None, *, needs: Sequence[str] = ()
 ) -> Kind | None:
-    """The value of a table; None, with the faults noted, where there are any. Arguments as of `usable`."""
+    """The value of a table; None, with the faults noted, if there are any. Arguments as for `usable`."""
     before = len(place.faults)
     values = usable(kind, data, place, extra, needs=needs)
     if len(place.faults) > before:
@@ -132,9 +132,9 @@ def usable(
     Args:
         kind: a dataclass whose fields are the keys.
         data: the table.
-        place: where it is, and where faults go.
-        extra: gets the unknown keys that are no slips of known ones; without it they are faults.
-        needs: keys with defaults that must be there as well.
+        place: its place, with the list of faults.
+        extra: receives unknown keys that are not misspelt known ones; without it they are faults.
+        needs: required keys, despite their defaults.
     """
     taken, values = _taken(kind), dict[str, Any]()
     if not isinstance(data, Mapping):
@@ -154,7 +154,7 @@ def usable(
 def check_keys(
     data: Mapping[str, Any], known: Iterable[str], place: Place, extra: dict[str, Any] | None = None
 ) -> set[str]:
-    """The known keys that unknown ones of a table are slips of; `extra` as of `usable`."""
+    """The known keys of which unknown ones are misspellings; `extra` as for `usable`."""
     slips = set()
     for key in data:
         if key in known:
@@ -172,7 +172,7 @@ def check_keys(
 def read_value(
     key: str, value: Any, hint: Any, allowed: Allowed, place: Place, extra: dict[str, Any] | None = None
 ) -> Any:
-    """The value of a key by its type and what is allowed; None, with the fault noted, for a wrong one."""
+    """The value of a key by its type and restrictions; None, with the fault noted, for a wrong one."""
     if allowed.reader is not None:
         try:
             return allowed.reader(value)
@@ -201,11 +201,11 @@ def read_value(
 
 
 class _Unfit(ValueError):
-    """What is wrong with a value; the remedy is to write what its key takes."""
+    """A fault of a value whose remedy is to write the expected form."""
 
 
 def _plain(value: Any, hint: Any, allowed: Allowed) -> Any:
-    """A value that is no table; _Unfit, or BadInput with a remedy of its own."""
+    """A value other than a table; raises _Unfit, or BadInput with its own remedy."""
     if hint is Any:
         return value
     if hint in (float, int):
@@ -214,7 +214,7 @@ def _plain(value: Any, hint: Any, allowed: Allowed) -> Any:
         found = _numbers(value, allowed.shape, allowed, whole=get_args(hint)[0] is int)
         if get_origin(hint) is tuple:
             return tuple(found)
-        import numpy as np  # here, so that help starts without it
+        import numpy as np  # imported here, so that help starts without it
 
         try:
             return np.array(found, float)
@@ -258,11 +258,11 @@ def _number(value: Any, allowed: Allowed, whole: bool) -> float:
     unit, factor = LIKELY_UNITS.get(allowed.unit, ("", math.nan))
     if low <= number * factor <= high:
         raise BadInput(f"looks like {unit}: write {number * factor:.6g} ({allowed.unit})")
-    raise _Unfit(f"lies outside {low:.6g} to {high:.6g}")
+    raise _Unfit(f"is outside {low:.6g} to {high:.6g}")
 
 
 def _form(key: str, hint: Any, allowed: Allowed) -> str:
-    """What a message asks the user to write."""
+    """The expected form of a value, for messages."""
     if allowed.form:
         return allowed.form
     if dataclasses.is_dataclass(hint):
@@ -281,7 +281,7 @@ def _size(shape: tuple[int | None, ...]) -> str:
 
 
 def _required(kind: Any) -> list[str]:
-    """Keys without defaults."""
+    """The keys without defaults."""
     return [f.name for f in dataclasses.fields(kind) if f.default is MISSING and f.default_factory is MISSING]
 
 
@@ -295,7 +295,7 @@ def _is_list_of_tables(hint: Any) -> bool:
 
 @cache
 def _taken(kind: Any) -> dict[str, tuple[Any, Allowed]]:
-    """Type and what is allowed, by field."""
+    """Type and restrictions, by field."""
     found = {}
     for key, hint in get_type_hints(kind, include_extras=True).items():
         notes = [note for note in getattr(hint, "__metadata__", ()) if isinstance(note, Allowed)]

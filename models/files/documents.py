@@ -1,4 +1,4 @@
-"""Files of TOML, JSON and text, read within bounds and decoded."""
+"""TOML, JSON and text files, read within limits and decoded."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FILE_KINDS = (  # where, the bytes there, and what such a file is
     (0, b"\x1f\x8b", "a gzip archive"), (0, b"PAR1", "a Parquet file"), (0, b"RIFF", "an AVI film or WebP picture"),
     (4, b"ftyp", "an MP4 film or HEIC picture"), (0, b"\x1aE\xdf\xa3", "a Matroska film"),
 )  # fmt: skip
-# More parts of a dotted key than tables may lie in each other: TOML parsers take time by their square.
+# A dotted key with more parts than the nesting limit of tables: TOML parsers take quadratic time.
 LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){N}""".replace("N", str(limits.MAX_DEPTH)))
 
 
@@ -36,9 +36,9 @@ def read_toml(path: Path | str, kind: type[Kind], form: str, remedy: str, *, mor
     Args:
         path: the file.
         kind: the dataclass whose fields are its keys (models/files/decode.py).
-        form: its format; "" for files that name none.
-        remedy: what to do where there is no such file.
-        more: unknown keys are left alone, unless they are slips.
+        form: its format; "" for files without one.
+        remedy: remedy if there is no such file.
+        more: whether unknown keys are allowed, unless they are misspelt known ones.
 
     Raises:
         BadInput: its first fault, in one line; the others are notes of the exception.
@@ -51,7 +51,7 @@ def read_toml(path: Path | str, kind: type[Kind], form: str, remedy: str, *, mor
 
 
 def read_json(path: Path | str, form: str, remedy: str) -> dict[str, Any]:
-    """The object of a JSON file that a program here wrote; BadInput with the remedy where it is not of that format."""
+    """The object in a JSON file written by this project; BadInput with the remedy if its format differs."""
     faults = Faults()
     data = read_document(path, str(path), faults, remedy, json.loads)
     if data is not None and not (isinstance(data, dict) and data.get("format") == form):
@@ -62,7 +62,7 @@ def read_json(path: Path | str, form: str, remedy: str) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def entries_of(path: Path | str, remedy: str) -> Iterator[None]:
-    """BadInput where an entry of a file that a program here wrote is missing, or of another kind."""
+    """Within this context missing or wrong entries of a file written by this project raise BadInput."""
     try:
         yield
     except BadInput:
@@ -73,26 +73,26 @@ def entries_of(path: Path | str, remedy: str) -> Iterator[None]:
 
 
 def encoding_of(data: bytes) -> str:
-    """How a text begins that is written so: UTF-16 where its byte-order mark says so, else UTF-8."""
+    """The encoding of a text by its beginning: UTF-16 if it has that byte-order mark, else UTF-8."""
     return "utf-16" if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "utf-8-sig"
 
 
 def kind_of(data: bytes) -> str:
-    """What a file is whose first bytes are those of a known kind that is no text; "" for others."""
+    """The kind of a non-text file, by its first bytes; "" if unknown."""
     return next((kind for at, mark, kind in FILE_KINDS if data[at : at + len(mark)] == mark), "")
 
 
 def read_document(
     path: Path | str, file: str, faults: Faults, remedy: str, loads: Callable[[str], Any] = tomllib.loads
 ) -> Any:
-    """What a TOML or JSON file holds; None, with the fault noted under `file`, where it cannot be read."""
+    """The content of a TOML or JSON file; None, with the fault noted under `file`, if it cannot be read."""
     most = limits.MAX_TOML_BYTES if loads is tomllib.loads else limits.MAX_JSON_BYTES
     text = read_text(path, file, faults, remedy, most)
     return None if text is None else parse(text, file, faults, loads)
 
 
 def parse(text: str, file: str, faults: Faults, loads: Callable[[str], Any] = tomllib.loads) -> Any:
-    """What a TOML or JSON text holds; None, with the fault noted, for a faulty or an absurd one."""
+    """The content of a TOML or JSON text; None, with the fault noted, if it is faulty or too large."""
     language = "TOML" if loads is tomllib.loads else "JSON"
     if problem := _too_much(text, language):
         faults.add(file, problem)
@@ -116,7 +116,7 @@ def parse(text: str, file: str, faults: Faults, loads: Callable[[str], Any] = to
 
 
 def _too_much(text: str, language: str) -> str:
-    """What a text has too much of to be parsed; "" for nothing."""
+    """The limit that a text exceeds, as a fault; "" for none."""
     if language == "TOML" and (found := LONG_KEY.search(text)):
         line = text.count("\n", 0, found.start()) + 1
         return f"has a key of more than {limits.MAX_DEPTH} parts in line {line}: correct the TOML"
@@ -127,7 +127,7 @@ def _too_much(text: str, language: str) -> str:
 
 
 def _depth(data: Any) -> int:
-    """How deep tables and lists lie in each other."""
+    """The nesting depth of tables and lists."""
     depth, level = 0, [data]
     while level := [v for v in level if isinstance(v, dict | list)]:
         depth += 1
@@ -136,7 +136,7 @@ def _depth(data: Any) -> int:
 
 
 def file_problem(path: Path | str, remedy: str, most: int) -> str:
-    """Why a file of `most` bytes at most cannot be read; "" where it can."""
+    """The reason why a file of at most `most` bytes cannot be read; "" if it can."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
@@ -149,7 +149,7 @@ def file_problem(path: Path | str, remedy: str, most: int) -> str:
 def read_text(
     path: Path | str, file: str, faults: Faults, remedy: str, most: int = limits.MAX_TEXT_BYTES
 ) -> str | None:
-    """The text of a file of `most` bytes at most; None, with the fault noted under `file`, where it has none."""
+    """The text of a file of at most `most` bytes; None, with the fault noted under `file`, if it is not text."""
     if problem := file_problem(path, remedy, most):
         faults.add(file, problem)
         return None
@@ -166,7 +166,7 @@ def read_text(
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         if encoding == "utf-16":
-            faults.add(file, "is not UTF-16 text, though it begins so: save the file as UTF-8")
+            faults.add(file, "begins as UTF-16 text, but is not: save the file as UTF-8")
             return None
         row = data[: error.start].count(b"\n") + 1
         faults.add(file, f"byte {data[error.start]:#04x} is not UTF-8 text: save the file as UTF-8", row)

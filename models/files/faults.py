@@ -1,4 +1,4 @@
-"""Faults of what a user wrote: one line each, naming the file, the place, the value and the remedy.
+"""Faults of user input: one line each, with the file, the place, the value and the remedy.
 
 In: texts and values. Out: `Faults`, and the parts of their messages.
 """
@@ -14,16 +14,16 @@ from models.errors import BadInput, one_line
 from models.files.limits import MAX_FAULTS, MAX_FILE_FAULTS, MAX_NAME_CHARS
 
 Kind = TypeVar("Kind")
-MAX_VALUE_CHARS = 60  # of a value in a message
-MAX_FAULT_LINES = 20  # that a refusal lists
+MAX_VALUE_CHARS = 60  # longest value in a message
+MAX_FAULT_LINES = 20  # most faults listed with an error
 
 
 class TooManyFaults(BadInput):
-    """A file has so many faults that no more are looked for."""
+    """A file has too many faults for further checks."""
 
 
 class Faults:
-    """Collects faults, so that one reading can name them all; those of one file come in the order of its rows."""
+    """Collects faults, so that one reading reports all of them, in the order of rows within a file."""
 
     def __init__(self) -> None:
         self._found: dict[str, list[tuple[float, str]]] = {}
@@ -36,7 +36,7 @@ class Faults:
         """Add one fault; `row` is the line number in the file, from 1.
 
         Raises:
-            TooManyFaults: the file, or all of them, have too many to look for more.
+            TooManyFaults: the file, or all of them, have too many faults.
         """
         if len(self._found.get(file, ())) >= MAX_FILE_FAULTS or self._count >= MAX_FAULTS:
             raise self._refusal(TooManyFaults)
@@ -46,7 +46,7 @@ class Faults:
         self._found.setdefault(file, []).append((float("inf") if row is None else row, f"{file}{where}: {text}"))
 
     def lines(self, per_file: int | None = None) -> list[str]:
-        """All faults, one line each; with `per_file`, at most so many of a file and how many more there are."""
+        """All faults, one line each; with `per_file` at most that many per file, and the number of others."""
         lines = []
         for file, found in self._found.items():
             ordered = sorted(found, key=lambda fault: fault[0])
@@ -58,7 +58,7 @@ class Faults:
         return lines
 
     def settle(self, value: Kind | None) -> Kind:
-        """The value, where there are no faults; BadInput with the first otherwise, and the others as notes."""
+        """The value if there are no faults; otherwise BadInput with the first one, and the others as notes."""
         if value is not None and not self._count:
             return value
         raise self._refusal(BadInput)
@@ -73,7 +73,7 @@ class Faults:
 
 
 class _Short(reprlib.Repr):
-    """As repr, but of large values only as much as is shown."""
+    """Like repr, but limited to the part of a large value that is shown."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -94,7 +94,7 @@ def _first(table: dict[Any, Any]) -> Sequence[Any]:
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it: quoted text, numbers as they are, shortened."""
+    """A value for a message: quoted text or a number, shortened."""
     try:
         text = _Short().repr(value)
     except ValueError:  # an integer of thousands of digits
@@ -103,14 +103,14 @@ def shown(value: object) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a message, quoted, the first few."""
+    """The first few names for a message, quoted."""
     names = list(names)
     quoted = ", ".join(shown(name) for name in names[:8])
     return quoted + (f" and {len(names) - 8} more" if len(names) > 8 else "")
 
 
 def closest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` is probably a slip of."""
+    """The known name of which `name` is probably a misspelling."""
     if len(name) > MAX_NAME_CHARS:
         return None
     by_lower = {k.lower(): k for k in known}

@@ -1,8 +1,8 @@
-"""Results are not lost: one that is there is replaced by the command and the input that made it, or not at all.
+"""Protection of results: only the command and input that made a result may replace it.
 
-In: where a command is to write, and its `Origin`. Out: a refusal in one line, before the work; else what is written
-there tells its origin: a file by a record within it (record.py), a folder by its made.json. What has no such record may
-be somebody's work. Verbs that continue or refuse by their own rules (`track`, `study`, `learn`) need none.
+In: a command's output path, and its `Origin`. Out: an error in one line, before the work; otherwise the written files
+store their origin: a file in a record within it (record.py), a folder in its made.json. Files without such a record may
+be somebody's work. Verbs with their own rules for existing files (`track`, `study`, `learn`) need none.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from models.files.documents import read_json
 from models.files.record import DIGEST_CHARS, Origin, expected, origin_of
 from models.files.writing import MADE_FILE, MADE_FORMAT
 
-REMEDY = "name another, or replace it with --overwrite"
+OVERWRITE_REMEDY = "name another, or replace it with --overwrite"
 CHUNK_BYTES = 1 << 20
 
 
 def digest(values: Iterable[object]) -> str:
-    """A digest of values; files and folders count by what they hold, wherever they are."""
+    """A digest of values; files and folders count by their content, not by their place."""
     seen = hashlib.sha256()
     for value in values:
         try:
             _add(seen, value)
-        except (OSError, ValueError):  # no file name: the command itself will tell
+        except (OSError, ValueError):  # an invalid file name, which the command itself reports
             seen.update(f"{value!r}\0".encode())
     return seen.hexdigest()[:DIGEST_CHARS]
 
@@ -43,7 +43,7 @@ def _add(seen: hashlib._Hash, value: object) -> None:
                 seen.update(repr(file.relative_to(value)).encode())
                 _add(seen, file)
     elif isinstance(value, Path) and value.is_file():
-        with contextlib.suppress(OSError), value.open("rb") as content:  # the command itself will tell
+        with contextlib.suppress(OSError), value.open("rb") as content:  # the command itself reports errors
             while part := content.read(CHUNK_BYTES):
                 seen.update(part)
     else:
@@ -52,7 +52,7 @@ def _add(seen: hashlib._Hash, value: object) -> None:
 
 @contextlib.contextmanager
 def marked(origin: Origin, paths: Sequence[Path]) -> Iterator[None]:
-    """Files and folders of these paths that are written inside tell their origin."""
+    """Within this context files and folders written at these paths store their origin."""
     token = expected.set({**(expected.get() or {}), **{Path(os.path.realpath(path)): origin for path in paths}})
     try:
         yield
@@ -62,7 +62,7 @@ def marked(origin: Origin, paths: Sequence[Path]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def without_lone_record(folders: Sequence[Path]) -> Iterator[None]:
-    """Folders in which a command that fails inside has written nothing keep no record of its origin either."""
+    """Within this context a failing command leaves no record in folders where it wrote nothing."""
     try:
         yield
     except BaseException:
@@ -74,17 +74,17 @@ def without_lone_record(folders: Sequence[Path]) -> Iterator[None]:
 
 
 def check_file(path: Path, origin: Origin) -> None:
-    """BadInput where a file is there that another command, or other input, has made, or that was changed since."""
+    """Raise BadInput if a file exists that another command or input made, or that was changed since."""
     if not path.is_file():
         return
     with contextlib.suppress(OSError):
         if origin_of(path.read_bytes()) == origin:
             return
-    raise BadInput(f"{path}: is there already, and not made by this command from the same input; {REMEDY}")
+    raise BadInput(f"{path}: already exists and was not made by this command from the same input; {OVERWRITE_REMEDY}")
 
 
 def check_folder(folder: Path, writes: Sequence[str], origin: Origin) -> None:
-    """The same of a folder that holds any of the files, by patterns, that would be written."""
+    """The same check for a folder that contains any of the files, by patterns, to be written."""
     there = next((file for pattern in writes for file in sorted(folder.glob(pattern))), None)
     if there is None:
         return
@@ -92,5 +92,5 @@ def check_folder(folder: Path, writes: Sequence[str], origin: Origin) -> None:
         found = read_json(folder / MADE_FILE, MADE_FORMAT, "")
         if (found.get("command"), found.get("inputs")) == (origin.command, origin.inputs):
             return
-    text = f"{folder}: holds {there.name}, not made by this command from the same input; {REMEDY}"
+    text = f"{folder}: holds {there.name}, which was not made by this command from the same input; {OVERWRITE_REMEDY}"
     raise BadInput(text)

@@ -1,6 +1,6 @@
-"""CSV files read row by row, within the budgets of models/files/limits.py.
+"""CSV files, read row by row within the limits of models/files/limits.py.
 
-In: a file. Out: its rows as they come, and the line that each begins at; faults in `Faults`.
+In: a file. Out: its rows in order, with the line at which each begins; faults in `Faults`.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from models.files.documents import encoding_of, file_problem, kind_of
 from models.files.faults import Faults
 from models.files.limits import excess
 
-KIND_BYTES = 16  # that tell a file's kind
-SMALLER = "split it into shots of one strike each"
-NARROWER = "keep the columns that are needed"
+KIND_BYTES = 16  # first bytes, which identify a file's kind
+SPLIT_REMEDY = "split it into shots of one strike each"
+COLUMNS_REMEDY = "keep only the columns that are needed"
 
 
 def csv_rows(
     path: Path | str, file: str, faults: Faults, remedy: str, *, separators: str = ",", remarks: bool = False
 ) -> Iterator[tuple[int, list[str]]]:
-    """The rows of a CSV file that are not empty, each with the number of its first line.
+    """Yield the non-empty rows of a CSV file, each with the number of its first line.
 
     Args:
         path: the file.
         file: its name in messages.
-        faults: get what is wrong with it.
-        remedy: what to do where it cannot be read.
-        separators: of columns; of several the one that the first row has most of.
-        remarks: lines before the first row that begin with # are skipped.
+        faults: receives its faults.
+        remedy: remedy if it cannot be read.
+        separators: of columns; the one most frequent in the first row is used.
+        remarks: whether lines before the first row that begin with # are skipped.
 
     Raises:
-        BadInput: there is a fault, which `faults` has got.
+        BadInput: there is a fault, which is in `faults`.
     """
     problem, row = file_problem(path, remedy, limits.MAX_TABLE_BYTES), None
     if not problem:
@@ -50,7 +50,7 @@ def csv_rows(
         except _UnfitTable as unfit:
             problem, row = unfit.args
         except UnicodeError as error:
-            problem, row = "is not UTF-16 text, though it begins so: save the file as UTF-8", None
+            problem, row = "begins as UTF-16 text, but is not: save the file as UTF-8", None
             if isinstance(error, UnicodeDecodeError) and error.encoding.startswith("utf-8"):
                 byte = f"byte {error.object[error.start]:#04x}"
                 problem, row = f"{byte} is not UTF-8 text: save the file as UTF-8", _row(path)
@@ -61,7 +61,7 @@ def csv_rows(
 
 
 def _row(path: Path | str) -> int | None:
-    """The first line of a file that is not UTF-8."""
+    """The number of the first line that is not UTF-8."""
     with Path(path).open("rb") as raw:
         for number, line in enumerate(iter(lambda: raw.readline(limits.MAX_LINE_CHARS), b""), 1):
             try:
@@ -72,18 +72,18 @@ def _row(path: Path | str) -> int | None:
 
 
 class _UnfitTable(ValueError):
-    """What is wrong with a file, and in which line."""
+    """A fault of a file, with its line."""
 
 
 class _Reading:
-    """One reading of a file."""
+    """A reader of one file."""
 
     def __init__(self, text: TextIO, separators: str, remarks: bool) -> None:
         self._text, self._separators, self._remarks = text, separators, remarks
-        self._line = self._start = 0  # numbers of the line that was read last, and of that before the row
+        self._line = self._start = 0  # numbers of the last line read, and of the one before the row
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """All rows that are not empty; _UnfitTable where they are none, or too many."""
+        """Yield all non-empty rows; _UnfitTable if there are none, or too many."""
         first = self._first()
         separator = max(self._separators, key=first.count)
         count = cells = 0
@@ -94,10 +94,10 @@ class _Reading:
                     continue
                 count, cells = count + 1, cells + len(row)
                 if len(row) > limits.MAX_COLUMNS:
-                    raise _UnfitTable(excess(len(row), limits.MAX_COLUMNS, "columns", NARROWER), start)
+                    raise _UnfitTable(excess(len(row), limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY), start)
                 if count > limits.MAX_ROWS + 1 or cells > limits.MAX_CELLS:
                     most, what = (limits.MAX_ROWS, "rows") if count > limits.MAX_ROWS else (limits.MAX_CELLS, "cells")
-                    raise _UnfitTable(f"has more than {most} {what}: {SMALLER}", start)
+                    raise _UnfitTable(f"has more than {most} {what}: {SPLIT_REMEDY}", start)
                 yield start, row
         except csv.Error as error:
             raise _UnfitTable(f"is not CSV ({error}): correct the quotes", max(self._line, 1)) from error

@@ -1,6 +1,6 @@
-"""Columns of texts in the room that their characters take: a list of strings takes five times as much.
+"""Columns of texts stored compactly: a list of strings needs five times the memory.
 
-In: texts, one after the other. Out: `Texts`, a sequence of them.
+In: texts in order. Out: `Texts`, a sequence of them.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-BLOCK = 8192  # texts that are packed at once
+BLOCK_TEXTS = 8192  # texts packed at a time
 
 
 class Texts(Sequence[str]):
-    """Texts that cannot be changed."""
+    """An immutable sequence of texts."""
 
     def __init__(self, data: bytes, ends: NDArray[np.uint32]) -> None:
-        """Of UTF-8, and where each text ends in it."""
+        """Create it from UTF-8 bytes and the end of each text in them."""
         self._data, self._ends = data, ends
 
     def __len__(self) -> int:
@@ -37,8 +37,8 @@ class Texts(Sequence[str]):
 
     def __iter__(self) -> Iterator[str]:
         start, data = 0, self._data
-        for first in range(0, len(self), BLOCK):
-            for end in self._ends[first : first + BLOCK].tolist():
+        for first in range(0, len(self), BLOCK_TEXTS):
+            for end in self._ends[first : first + BLOCK_TEXTS].tolist():
                 yield data[start:end].decode("utf-8", "surrogatepass")
                 start = end
 
@@ -58,10 +58,10 @@ class Texts(Sequence[str]):
 
 
 class TextPacker:
-    """Packs texts as they come."""
+    """Packs texts in order."""
 
     def __init__(self) -> None:
-        """None so far."""
+        """Start without texts."""
         self._data, self._lengths, self._waiting = bytearray(), list[NDArray[np.uint32]](), list[str]()
         self._packed = 0
 
@@ -70,23 +70,23 @@ class TextPacker:
 
     @property
     def size(self) -> int:
-        """Bytes of the texts that are packed so far."""
+        """Number of bytes packed so far."""
         return len(self._data)
 
     def add(self, text: str) -> None:
         """Add one text."""
         self._waiting.append(text)
-        if len(self._waiting) >= BLOCK:
+        if len(self._waiting) >= BLOCK_TEXTS:
             self._pack()
 
     def extend(self, texts: Iterable[str]) -> None:
         """Add several texts."""
         self._waiting.extend(texts)
-        if len(self._waiting) >= BLOCK:
+        if len(self._waiting) >= BLOCK_TEXTS:
             self._pack()
 
     def pad(self, count: int) -> None:
-        """Add empty texts until there are so many in all."""
+        """Add empty texts up to a total number."""
         missing = count - len(self)
         if missing > 0:
             self._pack()
@@ -94,7 +94,7 @@ class TextPacker:
             self._packed += missing
 
     def texts(self) -> Texts:
-        """All of them."""
+        """All texts."""
         self._pack()
         lengths = np.concatenate(self._lengths) if self._lengths else np.zeros(0, np.uint32)
         return Texts(bytes(self._data), np.cumsum(lengths, dtype=np.uint32))

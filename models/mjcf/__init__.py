@@ -1,8 +1,8 @@
-"""The table and the launcher as MJCF: `base.xml`, `table.xml`, `launcher.xml`, and what is built and drawn from them.
+"""The table and the launcher as MJCF: `base.xml`, `table.xml`, `launcher.xml`, with builders and pictures.
 
 world, native          table, balls and effects -> MjSpec -> MjModel; MuJoCo's own contact terms
-furniture, snooker     what is only seen; spots and racks
-export                 one plain MJCF file that needs no code of ours
+furniture, snooker     purely visual parts; spots and racks
+export                 a plain MJCF file that does not need our code
 launcher, stroke       the cue launcher, its strokes and its drive (launcher.md)
 render, painter, gl    pictures, and the choice of OpenGL
 """

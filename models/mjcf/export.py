@@ -1,8 +1,8 @@
-"""A table, its balls and, where wanted, the launcher as one plain MJCF file for any MuJoCo viewer.
+"""A table, its balls and, optionally, the launcher as one plain MJCF file for any MuJoCo viewer.
 
-Its contacts are MuJoCo's own, with the shipped native terms (models/mjcf/native.py); models/README.md says what they
-cannot do. `sysid export` writes a fitted table, with terms of its own. The shipped file, short enough to be read, is
-from `python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
+Its contacts are MuJoCo's own, with the shipped native terms (models/mjcf/native.py); models/README.md describes their
+limits. `sysid export` writes a fitted table with its own terms. The shipped file, short enough to read, was made with
+`python -m models.mjcf.export models/mjcf/table.xml --bare --balls white,red,black`.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from models.shot import Array, Ball, Table
 def export(
     model: Model, places: Mapping[str, Array], path: Path | str, *, launcher: bool = False, bare: bool = False
 ) -> None:
-    """Write a model's native world, whole or not at all; see `spec_of`."""
+    """Write a model's native world, completely or not at all; see `spec_of`."""
     write_whole(path, text_of(spec_of(model, places, launcher=launcher, bare=bare)).encode(), parents=True)
 
 
 def text_of(spec: mujoco.MjSpec) -> str:
-    """A world as MJCF that MuJoCo from 3.3 on reads: without what newer ones write, and older ones do by themselves."""
+    """A world as MJCF for MuJoCo 3.3 or later, without entries that only newer versions know."""
     return re.sub(r' colorspace="auto"| input="(pos|vel)"', "", spec.to_xml())
 
 
 def spec_of(model: Model, places: Mapping[str, Array], *, launcher: bool = False, bare: bool = False) -> mujoco.MjSpec:
-    """A model's native world; `places` says where each ball waits, (2,) [m].
+    """A model's native world, with the balls at `places`, (2,) [m] each.
 
-    A launcher is aimed at the first ball, along +x. A bare world has nothing that is only seen; its noses are shown.
+    A launcher is aimed at the first ball, along +x. A bare world has no purely visual parts; its noses are visible.
     """
     names = tuple(places)
     xy = np.array([places[name] for name in names], float).reshape(-1, 2)
@@ -63,23 +63,25 @@ def spec_of(model: Model, places: Mapping[str, Array], *, launcher: bool = False
     try:
         spec.compile()
     except ValueError as error:
-        raise BadInput(f"MuJoCo takes no such world ({str(error).splitlines()[0]}); change names or sizes") from error
+        raise BadInput(f"MuJoCo rejects this world ({str(error).splitlines()[0]}); change names or sizes") from error
     return spec
 
 
 def _check(model: Model, names: Sequence[str], xy: Array) -> None:
-    """Names and places that no world can be made of."""
+    """Raise BadInput for invalid names or places."""
     for name, at in zip(names, xy, strict=True):
         if not name or name == "world" or "/" in name:
-            raise BadInput(f"{name!r} cannot name a ball; give names that are not empty, not world, without slashes")
+            raise BadInput(
+                f"{name!r} is not a valid name of a ball; names are not empty, not world, and without slashes"
+            )
         if not np.all(np.abs(at) <= model.table.centre_limits(model.ball)):
             raise BadInput(
-                f"ball {name!r} at {at.round(3).tolist()} is not on the table; take fewer balls, or a larger one"
+                f"ball {name!r} at {at.round(3).tolist()} is not on the table; use fewer balls, or a larger table"
             )
     gaps = np.linalg.norm(xy[:, None] - xy, axis=-1) + np.eye(len(xy))
     if len(xy) > 1 and gaps.min() < model.ball.diameter:
         i, j = divmod(int(gaps.argmin()), len(names))
-        raise BadInput(f"balls {names[i]!r} and {names[j]!r} overlap; place them apart, or take smaller ones")
+        raise BadInput(f"balls {names[i]!r} and {names[j]!r} overlap; place them apart, or use smaller ones")
 
 
 def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
@@ -89,18 +91,18 @@ def in_a_row(names: Sequence[str], ball: Ball) -> dict[str, Array]:
 
 
 def places_of(model: Model, balls: Sequence[str] | None) -> dict[str, Array]:
-    """Balls of these names side by side; without names a frame of snooker, the white first."""
+    """Balls with these names side by side; by default a snooker frame, the white first."""
     if balls is None:
         spots = racked(model.table, model.ball)
         return {"white": spots.pop("white"), **spots}
     if len(set(balls)) < len(balls):
-        raise BadInput(f"--balls {','.join(balls)} names a ball twice; give each a name of its own")
+        raise BadInput(f"--balls {','.join(balls)} names a ball twice; give each a different name")
     return in_a_row(balls, model.ball)
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of table and ball, SI; None for those of snooker."""
+    """Options of sizes of table and ball, SI; None for those of snooker."""
 
     length: float | None = given("--length", "L", "Length, cushion to cushion [m].", float)
     width: float | None = given("--width", "W", "Width, cushion to cushion [m].", float)
@@ -109,7 +111,7 @@ class Sizes:
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool, False)
 
     def model(self) -> Model:
-        """A bare model of these sizes."""
+        """A bare model with these sizes."""
         for name in ("length", "width", "diameter", "mass"):
             value = getattr(self, name)
             if value is not None and not 0 < value < np.inf:
@@ -124,9 +126,9 @@ class Sizes:
 @lone_command("models.mjcf.export")
 @click.argument("out", metavar="OUT.xml", type=FILE_PATH)
 @gathered("sizes", Sizes)
-@click.option("--balls", metavar="A,B,...", help="Names, which give the colours; by default all 22 on their spots.")
+@click.option("--balls", metavar="A,B,...", help="Names, which set the colours; by default all 22 on their spots.")
 @click.option("--launcher", is_flag=True, help="Add the cue launcher behind the first ball.")
-@click.option("--bare", is_flag=True, help="Leave out what is only seen.")
+@click.option("--bare", is_flag=True, help="Leave out purely visual parts.")
 def main(out: Path, sizes: Sizes, balls: str | None, launcher: bool, bare: bool) -> int:
     """Write a table of these sizes, with its balls, as plain MJCF; for a fitted table see sysid export."""
     model = sizes.model()

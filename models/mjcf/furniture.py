@@ -1,4 +1,4 @@
-"""What the eye sees of a table and no ball touches: rubber, wood, pockets, lines, spots, legs.
+"""The purely visual parts of a table: rubber, wood, pockets, lines, spots, legs.
 
 Everything here is in the default class `fixture`, without contacts. Shapes are swept or sliced into meshes: a cushion
 is a profile swept along its nose, rounded at the jaws; the frame is mitred and cut out around the pockets. Sizes are
@@ -18,14 +18,14 @@ from models.shot import NOSE_HEIGHT, Array, Table
 
 RUBBER_END_M, FRAME_END_M = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
 RUBBER_BACK_M = RUBBER_END_M + 0.004  # where the rubber ends under the frame [m]
-BEVEL_M = 0.008  # of the frame [m]
-LIP_HEIGHT_M = 0.006  # of the frame over the nose [m]
+BEVEL_M = 0.008  # bevel of the frame
+LIP_HEIGHT_M = 0.006  # height of the frame above the nose
 FRAME_DEPTH_M = 0.16  # depth of the frame [m]
-TABLE_HEIGHT_M = 0.86  # of the playing surface over the floor [m]
+TABLE_HEIGHT_M = 0.86  # height of the playing surface above the floor
 CORNER_POCKET, MIDDLE_POCKET = (0.012, 0.052), (0.040, 0.048)  # of snooker: centre beyond the nose line, radius [m]
 LEATHER_THICKNESS_M = 0.007  # thickness [m]
 CORNER_ROUNDING, MIDDLE_ROUNDING = (0.055, 0.95), (0.022, 1.3)  # of snooker's jaws: radius [m], angle [rad]
-MIN_ROUNDING_M = 0.002  # of a sharp nose, as drawn
+MIN_ROUNDING_M = 0.002  # radius of a sharp nose as drawn
 ARC_PIECES = 24  # pieces of a rounding
 
 
@@ -227,7 +227,7 @@ def _stand(spec: mujoco.MjSpec, table: Table) -> None:
 def furnish(
     spec: mujoco.MjSpec, table: Table, radius: float, noses: Sequence[tuple[Array, Array]], pockets: Array
 ) -> None:
-    """Add everything that is only seen; `noses`: ends (2, 2) and outward (2,) of every cushion, [m]."""
+    """Add all purely visual parts; `noses`: ends (2, 2) and outward (2,) of every cushion, [m]."""
     nose = NOSE_HEIGHT * radius
     lx, ly = table.length / 2, table.width / 2
     _box(

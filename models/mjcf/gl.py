@@ -1,8 +1,8 @@
-"""Which OpenGL draws the pictures, chosen before MuJoCo is first imported.
+"""Choice of the OpenGL library for pictures, before MuJoCo is first imported.
 
-MuJoCo and dm_control read MUJOCO_GL while they are imported: unset, dm_control tries a window and warns where there is
-no screen; set to a library that is missing, the import itself fails. So every program calls `choose_backend` first.
-This module therefore imports neither; it tries each library in a process of its own, where a crash does no harm.
+MuJoCo and dm_control read MUJOCO_GL on import: if it is unset, dm_control tries a window and warns without a screen; if
+it names a missing library, the import itself fails. So every program calls `choose_backend` first. This module
+therefore imports neither; it tries each library in a separate process, where a crash does no harm.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from models.errors import BadInput
 
 RENDERING_NEEDS = "rendering needs the Debian packages libegl1 libgl1, or libosmesa6 (apt install libegl1 libgl1)"
 
-GL_OFF = ("disable", "disabled", "off", "false", "0")  # what MuJoCo and dm_control both read as no rendering
+GL_OFF = ("disable", "disabled", "off", "false", "0")  # values that MuJoCo and dm_control both take as no rendering
 GL_LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}  # in order of preference
 GL_PACKAGES = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
 TRIAL_PROGRAM = """
@@ -30,16 +30,16 @@ context.free()
 
 
 def choose_backend(render: bool = True) -> str:
-    """Set MUJOCO_GL, and return it: "egl", "osmesa" or "disable"; what the user has set stays.
+    """Set MUJOCO_GL, and return it: "egl", "osmesa" or "disable"; the user's own value is kept.
 
-    `render=False` is for a program that draws nothing: it saves the half second that a trial takes.
+    `render=False` is for a program that draws nothing: it saves the half second of a trial.
     """
     chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
     if chosen:
         _require_libraries(chosen)
         return chosen
     if not sys.platform.startswith("linux"):
-        return ""  # MuJoCo's own choice there draws off screen
+        return ""  # MuJoCo's default there draws off screen
     found = next((name for name in GL_LIBRARIES if render and _draws(name)), "disable")
     os.environ["MUJOCO_GL"] = found
     return found
@@ -51,13 +51,13 @@ def can_render() -> bool:
 
 
 def require_rendering() -> None:
-    """Raise BadInput, which names the packages to install, unless pictures can be drawn."""
+    """Raise BadInput, with the packages to install, unless pictures can be drawn."""
     if not can_render():
         raise BadInput(f"MUJOCO_GL is {os.environ['MUJOCO_GL']!r}, so nothing can be drawn: {RENDERING_NEEDS}")
 
 
 def _draws(backend: str) -> bool:
-    """True when MuJoCo gets a context from this back end (0.5 s; at once when its libraries are missing)."""
+    """True if MuJoCo gets a context from this back end (0.5 s; immediate if its libraries are missing)."""
     if not all(_loads(library) for library in GL_LIBRARIES[backend]):
         return False
     environment = os.environ | {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": backend}
@@ -78,7 +78,7 @@ def _loads(library: str) -> bool:
 
 
 def _require_libraries(backend: str) -> None:
-    """Raise BadInput when the libraries of a back end that the user asked for are missing."""
+    """Raise BadInput if the libraries of the user's back end are missing."""
     for library in GL_LIBRARIES.get(backend, ()):
         if not _loads(library):
             raise BadInput(

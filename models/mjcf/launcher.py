@@ -1,4 +1,4 @@
-"""The cue launcher as a part of an MJCF world: `launcher.xml`, attached behind a ball, with the cue that is wanted.
+"""The cue launcher in an MJCF world: `launcher.xml`, attached behind a ball, with a given cue.
 
 `launcher.xml` is the device of Robotic Billiards (2015), section V: a regular cue on a rack, driven by a 200 W servo
 through a 3:1 gearbox and a pinion, tilted by 6.5 degrees, on a two-axis stage; its azimuth is set by hand. In a world
@@ -33,22 +33,22 @@ from models.shot import Ball
 
 DEVICE_FILE = Path(__file__).with_name("launcher.xml")
 NAME_PREFIX = "launcher/"
-CUE_TILT = np.radians(6.5)  # of the cue (Robotic Billiards 2015) [rad]
-TIP_RADIUS = 0.010  # of the dome (Robotic Billiards 2015) [m]
+CUE_TILT = np.radians(6.5)  # inclination of the cue (Robotic Billiards 2015) [rad]
+TIP_RADIUS = 0.010  # radius of the dome (Robotic Billiards 2015) [m]
 TIP_FRICTION = 0.6  # chalked leather (Alciatore, Cross 2008: about 0.6)
 TIP_RESTITUTION = 0.75  # leather (Alciatore: 0.71 to 0.75)
 CUE_MASS = 0.5  # a regular cue, 17 to 18 oz [kg]
-END_MASS = 0.00703  # of the shaft, 1/20 of a snooker ball [kg]
-LEATHER_TIME_S: Final = 1e-3  # for which the tip touches a ball (Shepard 2001) [s]
+END_MASS = 0.00703  # end mass of the shaft, 1/20 of a snooker ball [kg]
+LEATHER_TIME_S: Final = 1e-3  # contact time of the tip (Shepard 2001)
 GEAR_RATIO, PINION_RADIUS_M = 3.0, 0.028  # motor turns a pinion turn (Robotic Billiards 2015); pitch radius [m]
-STAGE_TRAVEL_M = 0.025  # of the stage, each way [m]
-SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # of a struck ball's bed: a softer one kicks it up by 0.08 m/s
-CUE_SPEED_RANGE = (0.2, 3.2)  # of the cue [m/s]; the paper's strings give 0.3 to 2.75
+STAGE_TRAVEL_M = 0.025  # travel of the stage in each direction
+SLATE_IMPEDANCE = (0.999, 0.9999, 0.001, 0.5, 2)  # solimp of a struck ball's bed: a softer one kicks it up by 0.08 m/s
+CUE_SPEED_RANGE = (0.2, 3.2)  # range of the cue's speed [m/s]; the paper's strings give 0.3 to 2.75
 
 
 @dataclass(frozen=True)
 class Device:
-    """What the tip feels of the cue."""
+    """The properties of cue and tip."""
 
     cue_mass: float = CUE_MASS  # with its end [kg]
     end_mass: float = END_MASS  # of the shaft, which moves sideways with the ball [kg]
@@ -56,7 +56,7 @@ class Device:
     tip_friction: float = TIP_FRICTION  # of the tip on the ball [1]
 
     def check(self) -> None:
-        """BadInput for numbers that no cue has."""
+        """Raise BadInput for impossible numbers."""
         if not 0.002 <= self.end_mass <= 0.1:
             raise BadInput(f"end_mass is {self.end_mass} kg; give 0.002 to 0.1")
         if not 0.2 <= self.cue_mass <= 3.0:
@@ -75,9 +75,9 @@ def attach_launcher(
 
     Args:
         spec: the world.
-        name: of the ball that the tip meets.
+        name: of the ball to be struck.
         ball: that ball.
-        device: what the tip feels of the cue.
+        device: properties of cue and tip.
         aim: centre of the ball, table frame (3,) [m].
         azimuth: of the cue [rad], counter-clockwise from +x.
 

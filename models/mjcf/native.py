@@ -1,12 +1,12 @@
-"""MuJoCo's own contact, tuned as far as its terms allow: what acts where no effect takes a contact over.
+"""MuJoCo's own contacts, tuned as far as their terms allow, for contacts that no effect replaces.
 
 Cloth: one condim-6 contact with slide mu_s, torsional (2/5) R^2 alpha / g and rolling (7/5) mu_r R [m]. Each is right
-on its own, but all of them share ONE elliptic cone, so a spinning ball slides with too little friction.
+alone, but all of them share ONE elliptic cone, so a spinning ball slides with too little friction.
 Impacts: a spring and damper along the normal, solref = (-k, -b), whose contact ends at zero force after T_c:
 e = exp(-z / sqrt(1 - z^2) (pi - atan2(2 z sqrt(1 - z^2), 1 - 2 z^2))), k = (pi / T_c)^2 / (1 - z^2), b = 2 z sqrt(k),
 z the damping ratio. Friction at impacts is MuJoCo's convex approximation: it takes the slip away over a time constant
 of its own (`grip`), and sliding pushes the bodies apart.
-`sysid match` measures how far off all this is.
+`sysid match` measures the errors.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Native(Effect):
     slot: ClassVar[str] = "native"
 
     def is_off(self) -> bool:
-        """Never: this is the MJCF itself."""
+        """False: this is the MJCF itself."""
         return False
 
     def edit(self, spec: mujoco.MjSpec) -> None:

@@ -1,6 +1,6 @@
-"""Pictures of one table again and again, as a policy or a film asks for them: compiled once, one OpenGL context.
+"""Repeated pictures of one table, for a policy or a film: compiled once, with one OpenGL context.
 
-models/mjcf/render.py draws one picture, and is simpler to call. A ball that is not on the table stands under its floor.
+models/mjcf/render.py draws one picture, and is simpler to call. A ball that is off the table is below its floor.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from models.mjcf.gl import GL_LIBRARIES, require_rendering
 from models.mjcf.world import CAMERA_NAMES, build_spec
 from models.shot import Array, Ball, Table
 
-HIDDEN_DEPTH_M = 1.0  # the slate [m], where balls stand that are not to be seen
+HIDDEN_DEPTH_M = 1.0  # depth below the slate of hidden balls
 
 
 def offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> mujoco.Renderer:
-    """What draws pictures of (width, height) [pixels], whether or not MuJoCo was imported before a library was chosen.
+    """A renderer for pictures of (width, height) [pixels], even if MuJoCo was imported before a library was chosen.
 
     Raises:
-        BadInput: where nothing can be drawn, with what to install or to set.
+        BadInput: if nothing can be drawn, with the packages to install or the variable to set.
     """
     require_rendering()
     if os.environ.get("MUJOCO_GL", "").lower() in GL_LIBRARIES and "glfw" in gl_context.GLContext.__module__:
@@ -38,7 +38,7 @@ def offscreen(model: mujoco.MjModel, size: tuple[int, int]) -> mujoco.Renderer:
 
 
 class Painter:
-    """A table, its balls, and what draws them."""
+    """A table, its balls, and their renderer."""
 
     def __init__(self, table: Table, ball: Ball, names: Sequence[str]) -> None:
         """Compile the furnished table; the names choose the balls' colours."""
@@ -58,7 +58,7 @@ class Painter:
             size: (width, height) [pixels].
 
         Raises:
-            BadInput: where nothing can be drawn, for a camera that there is not, and for a size beyond 2560 x 1440.
+            BadInput: if nothing can be drawn, for an unknown camera, and for a size beyond 2560 x 1440.
         """
         if camera in range(len(CAMERA_NAMES)):
             camera = CAMERA_NAMES[int(camera)]
@@ -82,7 +82,7 @@ class Painter:
         return np.array(renderer.render())
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Release the OpenGL context."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

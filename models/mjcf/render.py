@@ -38,7 +38,7 @@ def render(
     camera: str = "corner",
     size: tuple[int, int] = (1280, 720),
 ) -> NDArray[np.uint8]:
-    """A picture of the balls at these places: (height, width, 3), red, green, blue.
+    """A picture of the balls at these positions: (height, width, 3), red, green, blue.
 
     Args:
         names: of the balls; they choose the colours.
@@ -66,7 +66,7 @@ def render(
 
 
 def write_png(picture: NDArray[np.uint8], path: Path) -> None:
-    """Write a picture, whole or not at all."""
+    """Write a picture, completely or not at all."""
     done, data = cv2.imencode(".png", picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not done:
         raise BadInput(f"{path}: a picture of shape {picture.shape} cannot be encoded")

@@ -1,4 +1,4 @@
-"""The game's own figures: a full-size table, its balls, and where they lie at the start of a frame."""
+"""The dimensions of snooker: a full-size table, its balls, and their positions at the start of a frame."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from models.shot import Array, Ball, Table
 
-FULL_LENGTH = 3.569  # of the table that the rules' measures are for [m]
+FULL_LENGTH = 3.569  # length of the table in the rules [m]
 SNOOKER_TABLE, SNOOKER_BALL = Table(FULL_LENGTH, 1.778), Ball(0.0525, 0.1406)
-BAULK_LINE_M, D_RADIUS_M, BLACK_SPOT_M = 0.737, 0.292, 0.324  # the black spot from its cushion
-RACK_GAP_M = 0.0005  # between balls that are racked [m]
+BAULK_LINE_M, D_RADIUS_M, BLACK_SPOT_M = 0.737, 0.292, 0.324  # the black spot is measured from its cushion
+RACK_GAP_M = 0.0005  # gap between racked balls
 
 
 def spots(table: Table) -> dict[str, Array]:

@@ -2,7 +2,7 @@
 
 The bed is a box that ends at the nose lines, so that a ball leaving through a pocket falls. A cushion is a capsule
 whose surface a ball meets at 7R/5, its centre R cos(theta) from the nose line, sin(theta) = 2/5. Everything touches
-through explicit pairs of the classes ball_bed, ball_ball and ball_cushion. What is only seen is added on demand
+through explicit pairs of the classes ball_bed, ball_ball and ball_cushion. Purely visual parts are added on demand
 (models/mjcf/furniture.py).
 """
 
@@ -27,7 +27,7 @@ CAMERA_NAMES = ("overhead", "corner", "baulk")
 
 
 def colour(name: str) -> tuple[float, float, float]:
-    """The colour of a ball by its name, as MJCF has it: red, green, blue in 0..1."""
+    """The colour of a ball by its name, for MJCF: red, green, blue in 0..1."""
     red, green, blue = (round(channel / 255, 3) for channel in ball_colour(name))
     return red, green, blue
 
@@ -71,7 +71,7 @@ def pockets(table: Table) -> Array:
 
 
 def _add_table(spec: mujoco.MjSpec, table: Table, radius: float) -> None:
-    """What balls touch: the bed, and a capsule for each nose."""
+    """Add the contact geometry of balls: the bed, and a capsule for each nose."""
     lx, ly = table.length / 2, table.width / 2
     depth = BED_DEPTH / 2
     spec.worldbody.add_geom(spec.find_default("bed"), name="bed", size=[lx, ly, depth], pos=[0, 0, -depth])
@@ -100,7 +100,7 @@ def add_camera(spec: mujoco.MjSpec, name: str, eye: Array, target: Array, fovy: 
 def build_spec(
     table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = (), *, furnished: bool = False
 ) -> mujoco.MjSpec:
-    """The world of a table with its balls, edited by the effects in their order; `furnished` to be looked at."""
+    """The world of a table with its balls, edited by the effects in their order; `furnished` for pictures."""
     spec = mujoco.MjSpec.from_file(str(BASE_FILE))
     _add_table(spec, table, ball.radius)
     if furnished:

@@ -29,7 +29,7 @@ SQUIRT = "squirt"  # name and slot of effects that turn a stroke's direction
 
 @dataclass(frozen=True)
 class TipStroke:
-    """What the launcher is told."""
+    """The stroke that the launcher is asked for."""
 
     cue_speed: float  # along its axis [m/s]
     azimuth: float  # of the cue [rad]
@@ -51,7 +51,7 @@ def play_struck(
     Args:
         model: table, ball and effects; its parameters are numbers, or (len(strokes),) arrays.
         places: of the balls (2,) [m]; the first is struck.
-        strokes: what the launcher is told for each.
+        strokes: what the launcher is asked for in each.
         times: at which each track is wanted [s], from when the tip touches the ball.
         device: what the tip feels of the cue.
         jaws: whether pockets have jaws and an edge.

@@ -269,6 +269,6 @@ def _write_film(path: Path, client: Any, progress: Callable[[str], None]) -> Non
             picture = cv2.imdecode(np.frombuffer(client.take_screenshot(), np.uint8), cv2.IMREAD_COLOR)
             writer.write(cv2.resize(picture, FILM_SIZE_PX, interpolation=cv2.INTER_AREA))
         writer.release()
-        if cv2.VideoCapture(str(part)).get(cv2.CAP_PROP_FRAME_COUNT) != len(moments):  # the writer tells of no fault
+        if cv2.VideoCapture(str(part)).get(cv2.CAP_PROP_FRAME_COUNT) != len(moments):  # the writer raises no error
             raise BadInput(f"{path}: cannot be written (no room in {folder.parent}); make room there, or set TMPDIR")
         write_whole(path, part.read_bytes())

@@ -1,13 +1,13 @@
-"""Work for other processes: those of this machine, or of a Dask cluster, by one interface.
+"""Distribution of work over processes of this machine, or of a Dask cluster, with one interface.
 
-In: functions of this package, by their names, with plain arguments. Out: their results, as they come or in their order.
-Whoever works is a `concurrent.futures.Executor`. Each worker computes on one thread, since there are others beside it.
-Arguments travel as pickles between processes of one run; nothing that is read from a file is ever unpickled.
+In: functions of this package, by name, with plain arguments. Out: their results, as they arrive or in order. Workers
+are a `concurrent.futures.Executor`. Each computes on one thread, since there are several. Arguments are pickled between
+processes of one run; data from a file are never unpickled.
 
-order       what a worker makes sure of, and does
-group       tasks given out, results taken, work that was lost given out again
+order       what a worker checks and computes
+group       submits tasks, collects results, and repeats work that was lost
 cluster     the workers of a Dask cluster
-choose      who works
+choose      the workers from the options of a command
 """
 
 from models.workers.choose import open_workers

@@ -1,4 +1,4 @@
-"""The one place that chooses who works: processes of this machine, or the workers of a Dask cluster."""
+"""Choice of the workers: processes of this machine, or workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from models.workers.order import Requirements, effects_digest
 def open_workers(
     scheduler: str | None, jobs: int, folders: Sequence[str] = (), progress: Callable[[str], None] | None = None
 ) -> Iterator[Workers]:
-    """Whoever works: a cluster's workers where it has an address, else so many processes; none is left behind.
+    """Workers of a cluster if an address is given, else processes of this machine; all are ended afterwards.
 
     Args:
         scheduler: address of a Dask scheduler; None for processes of this machine.
-        jobs: how many processes.
-        folders: with effects of the user.
-        progress: is called with what workers report, on a cluster.
+        jobs: number of processes.
+        folders: with the user's effects.
+        progress: called with reports of a cluster's workers.
     """
     order = Requirements({}, tuple(str(Path(f).resolve()) for f in folders), effects_digest() if folders else "")
     if scheduler is not None:

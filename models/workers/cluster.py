@@ -1,7 +1,7 @@
-"""Workers of a Dask cluster: connection, their versions, what they report, and nothing left running there.
+"""Workers of a Dask cluster: connection, check of versions, reports, and clean-up.
 
 In: the address of a scheduler, as `dask scheduler` prints it. Out: `Workers`. Needs the extra
-`cluster` of this package. How far the network is to be trusted, and TLS, is Dask's own configuration.
+`cluster` of this package. Security of the network, including TLS, is configured in Dask.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from models.workers.group import Workers
 from models.workers.order import Requirements, difference, processor, reporting_to, source_stamp
 
 CONNECT_TIMEOUT_S = 10
-MAX_LOSSES = 5  # times that work is given out again; before each, Dask has tried several workers by itself
+MAX_LOSSES = 5  # repetitions of lost work; before each, Dask has tried several workers itself
 log = logging.getLogger(__name__)
 
 
 class ClusterExecutor(Executor):
-    """Dask's executor, whose workers report lines under a topic and give up work that nobody waits for."""
+    """Dask's executor, whose workers report lines under a topic and end abandoned work."""
 
     def __init__(self, client: Any, topic: str) -> None:
         """Take a client's executor."""
         self._dask, self._topic = client.get_executor(pure=False), topic
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
-        """Begin a call of a module's function."""
+        """Submit a call of a module's function."""
         found: Future[Any] = self._dask.submit(on_worker, self._topic, function, *arguments)
         return found
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Cancel what is not finished."""
+        """Cancel unfinished work."""
         self._dask.shutdown(wait=False)
 
 
@@ -64,7 +64,7 @@ def condition() -> tuple[dict[str, str], str, str]:
 
 @contextlib.contextmanager
 def cluster(address: str, order: Requirements, progress: Callable[[str], None] | None) -> Iterator[Workers]:
-    """The workers of a cluster, those that join later as well; BadInput where it cannot be reached or differs."""
+    """The workers of a cluster, including later ones; BadInput if it cannot be contacted, or has other versions."""
     try:
         import dask
         from distributed import Client, KilledWorker
@@ -73,7 +73,7 @@ def cluster(address: str, order: Requirements, progress: Callable[[str], None] |
             f"--scheduler {address}: needs Dask; install it with: .venv/bin/python -m pip install "
             "--constraint constraints.txt --editable '.[cluster]'"
         ) from None
-    for name in ("distributed", "distributed.client"):  # our own messages say it
+    for name in ("distributed", "distributed.client"):  # replaced by our own messages
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     start = "start one with: dask scheduler"
     try:
@@ -90,8 +90,8 @@ def cluster(address: str, order: Requirements, progress: Callable[[str], None] |
             client.subscribe_topic(topic, lambda event: progress(event[1]))
         order = dataclasses.replace(order, stamp=source_stamp())
         remedy = (
-            f"--scheduler {address}: the scheduler or every worker that was given one task was lost; look at their "
-            "logs and memory, then give the same command again"
+            f"--scheduler {address}: the scheduler or every worker that was given one task was lost; check their "
+            "logs and memory, then run the same command again"
         )
 
         def count() -> int:
@@ -120,7 +120,7 @@ def check_workers(client: Any, address: str) -> None:
     except (ImportError, AttributeError) as error:
         found["scheduler"] = error
     for worker, answer in sorted(found.items()):
-        if isinstance(answer, OSError):  # lost meanwhile
+        if isinstance(answer, OSError):  # the worker was lost meanwhile
             continue
         who = f"--scheduler {address}: {worker if worker == 'scheduler' else f'worker {worker}'}"
         if isinstance(answer, Exception):

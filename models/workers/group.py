@@ -1,4 +1,4 @@
-"""Whoever works, on this machine or elsewhere, as one value: tasks go in, results come out as they are there."""
+"""A group of workers, on this machine or elsewhere: it takes tasks, and yields results as they are finished."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any
 from models.errors import BadInput
 from models.workers.order import Requirements, perform
 
-TASKS_PER_WORKER = 2  # tasks given out for each worker: one is computed, one waits for it
-POLL_S = 1.0  # after which workers that have joined are given work
+TASKS_PER_WORKER = 2  # tasks submitted for each worker: one in progress, one waiting
+POLL_S = 1.0  # interval at which new workers get tasks
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Whoever works, and what each of them is asked to make sure of."""
+    """A group of workers, with the order that each of them checks."""
 
     executor: Executor
     count: Callable[[], int]  # how many compute at a time, now
@@ -29,19 +29,19 @@ class Workers:
     max_losses: int = 0  # of a piece of work, that is then given out again
 
     def as_they_come(self, function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-        """Numbers of tasks, which are arguments of a module's function, with their results.
+        """Yield indices and results of tasks, which are arguments of a module's function.
 
         Raises:
-            BadInput: work ends its worker each time that it is given out, or the workers cannot be reached.
+            BadInput: work ends its worker every time, or the workers cannot be contacted.
         """
         losses, waiting, running = Counter[int](), deque(range(len(tasks))), dict[Future[Any], int]()
         try:
             while waiting or running:
-                # A few ahead: what waits is not pickled before it is needed.
+                # Only a few in advance, so that waiting tasks are not pickled yet.
                 room = TASKS_PER_WORKER * self.count() - len(running) if waiting else 0
                 for number in [waiting.popleft() for _ in range(min(room, len(waiting)))]:
                     running[self._submit(function, tasks[number])] = number
-                if not running:  # nobody works yet
+                if not running:  # no workers yet
                     time.sleep(POLL_S)
                 for future in wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED).done:
                     number = running.pop(future)
@@ -58,14 +58,14 @@ class Workers:
             raise BadInput(
                 f"a worker has no cuelab, or another version ({error}); install the same everywhere"
             ) from None
-        except CancelledError:  # by nobody here
+        except CancelledError:  # not cancelled by us
             raise BadInput(self.remedy) from None
         finally:
             for future in running:
                 future.cancel()
 
     def in_turn(self, function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-        """Results of the tasks in their order, each as soon as those before it are there; see `as_they_come`."""
+        """Yield results of the tasks in order, each as soon as those before it are finished; see `as_they_come`."""
         found, turn = dict[int, Any](), 0
         for number, result in self.as_they_come(function, tasks):
             found[number] = result

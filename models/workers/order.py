@@ -1,7 +1,7 @@
-"""What a worker is asked to make sure of before it computes, and what it does then.
+"""Checks and execution of a task in a worker.
 
-In: an order, a function of this package and its arguments. Out: what the function gives, or `BadInput` where this
-process would not compute the same: from other sources, with other versions, or with other effects of the user.
+In: an order, a function of this package and its arguments. Out: the function's result, or `BadInput` if this process
+would compute something else: with other sources, other versions, or other effects of the user.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from models.interrupts import go_on
 
 PACKAGES = ("models", "sysid", "planner", "robot")
 SOURCE_SUFFIXES = (".py", ".xml", ".toml")
-COMPUTING_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "opencv-python-headless")  # that figures depend on
+COMPUTING_LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "opencv-python-headless")  # on which figures depend
 
 
 @cache
 def source_stamp() -> dict[str, str]:
-    """What figures depend on, by name: a digest of the sources, and the versions of Python and what computes."""
+    """The dependences of figures, by name: a digest of the sources, and the versions of Python and libraries."""
     root, seen = Path(__file__).resolve().parents[2], hashlib.sha256()
     for package in PACKAGES:
         for path in sorted((root / package).rglob("*")):
@@ -43,7 +43,7 @@ def source_stamp() -> dict[str, str]:
 
 
 def processor() -> str:
-    """The processor that compiled code is made for here."""
+    """The processor for which code is compiled here."""
     from llvmlite import binding
 
     return str(binding.get_host_cpu_name())
@@ -54,7 +54,7 @@ _report: ContextVar[Callable[[str], None] | None] = ContextVar("report", default
 
 @contextlib.contextmanager
 def reporting_to(listener: Callable[[str], None]) -> Iterator[None]:
-    """Lines that work inside reports go to a listener."""
+    """Within this context reported lines go to a listener."""
     token = _report.set(listener)
     try:
         yield
@@ -63,14 +63,14 @@ def reporting_to(listener: Callable[[str], None]) -> Iterator[None]:
 
 
 def report(line: str) -> None:
-    """Say what a worker is doing, to whoever follows the run; give up where nobody waits for it any more."""
+    """Report a worker's current step; raises `Abandoned` if its work is no longer needed."""
     go_on()
     if (listener := _report.get()) is not None:
         listener(line)
 
 
 def difference(here: dict[str, str], there: dict[str, str]) -> str:
-    """The first difference of two stamps in words; "" for none."""
+    """The first difference between two stamps in words; "" if they are equal."""
     for name, value in here.items():
         if there.get(name) != value:
             return f"{name} is {there.get(name, 'absent')} there and {value} here; install the same on both"
@@ -79,14 +79,14 @@ def difference(here: dict[str, str], there: dict[str, str]) -> str:
 
 @dataclass(frozen=True)
 class Requirements:
-    """What a worker makes sure of before it computes."""
+    """The conditions that a worker checks before it computes."""
 
     stamp: dict[str, str] = field(default_factory=dict)  # of the sources; empty on the same machine
-    folders: tuple[str, ...] = ()  # with effects of the user
+    folders: tuple[str, ...] = ()  # with the user's effects
     effects: str = ""  # a digest of these
 
     def check(self) -> None:
-        """Let the user's effects join the catalogue; BadInput where anything differs."""
+        """Add the user's effects to the catalogue; BadInput if anything differs."""
         from models.model_file import add_folder
 
         if self.stamp and (text := difference(self.stamp, source_stamp())):
@@ -98,20 +98,20 @@ class Requirements:
                 raise BadInput(f"worker on {platform.node()}: {error}") from None
         if self.folders and self.effects != effects_digest():
             raise BadInput(
-                f"worker on {platform.node()}: {', '.join(self.folders)} holds other effects there than here; "
+                f"worker on {platform.node()}: {', '.join(self.folders)} holds different effects there; "
                 "copy them, or share the folder"
             )
 
 
 def effects_digest() -> str:
-    """A digest of the user's effects that have joined the catalogue."""
+    """A digest of the user's effects in the catalogue."""
     from models.model_file import own_texts
 
     return hashlib.sha256(b"\0".join(own_texts())).hexdigest()[:12]
 
 
 def perform(order: Requirements, packed: bytes) -> Any:
-    """What a worker does: check the order, then call the function; effects must be known before it is unpickled."""
+    """Check the order, then call the function; effects must be known before arguments are unpickled."""
     order.check()
     with on_one_thread():
         function, arguments = pickle.loads(packed)

@@ -1,4 +1,4 @@
-"""What the verbs of the `planner` command share: the model and the launcher's repeatability."""
+"""Shared by the `planner` verbs: the model and the launcher's repeatability."""
 
 from __future__ import annotations
 
@@ -18,19 +18,17 @@ execution_option = input_option("execution", "E.toml", "Repeatability of the lau
 
 
 def load_model(path: Path | None, asked: Scene) -> Model:
-    """The model of a file, or the base with the usual constants for the scene's table."""
+    """The model from a file, or the base with the usual constants for the scene's table."""
     from models.model_file import full_model, read_model
 
     if not path:
-        print(
-            "no --model: the base with its usual constants, without uncertainty; fit yours with: sysid discover CLIPS"
-        )
+        print("no --model: using the base with its usual constants; fit your own with: sysid discover CLIPS")
         return full_model(asked.table, asked.ball)
     return read_model(path)
 
 
 def load_execution(path: Path | None, model: Model) -> Execution:
-    """The launcher's repeatability: of a file, else of the model file, else the usual one."""
+    """The launcher's repeatability from a file, else from the model file, else the usual one."""
     from planner.launcher.execution import Execution, execution_from, read_execution
 
     if path:
@@ -39,7 +37,7 @@ def load_execution(path: Path | None, model: Model) -> Execution:
         return execution_from(model.execution, "model file")
     usual = Execution()
     print(
-        f"no --execution, and none in the model: {100 * usual.speed_sd:g} % of the speed, "
+        f"no --execution, and none in the model: assuming {100 * usual.speed_sd:g} % of the speed, "
         f"{1e3 * usual.azimuth_sd:g} mrad of azimuth, {1e3 * usual.side_sd:g} mm of the tip (standard deviations)"
     )
     return usual

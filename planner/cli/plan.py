@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Hardware:
-    """The launcher as it is known: repeatability, cueing map, bounds on the cue's speed [m/s]."""
+    """Options of the launcher: repeatability, cueing map, bounds on the cue's speed [m/s]."""
 
     execution_file: Path | None = given(execution_option)
     map_file: Path | None = given(
@@ -45,7 +45,7 @@ class Hardware:
     )
 
     def launcher(self, model: Model) -> tuple[LauncherModel, Execution | None]:
-        """The launcher, and its repeatability by its map where that is to be used."""
+        """The launcher and its repeatability, which includes the uncertainty of its map."""
         from planner.launcher.stroke import LauncherModel, with_speeds
 
         launcher = LauncherModel()
@@ -53,7 +53,7 @@ class Hardware:
             slow, fast = self.cue_speed
             if not launcher.last <= slow < fast <= launcher.first:
                 raise BadInput(
-                    f"--cue-speed {slow:g} {fast:g}: give two within {launcher.last:g} to {launcher.first:g} m/s"
+                    f"--cue-speed {slow:g} {fast:g}: give two speeds within {launcher.last:g} to {launcher.first:g} m/s"
                 )
             launcher = with_speeds(launcher, slow, fast)
         from planner.launcher.mapped import execution_of, usual_launcher, with_map
@@ -68,18 +68,18 @@ class Hardware:
 
 @dataclass(frozen=True)
 class Utility:
-    """Weights of the outcomes, in pots."""
+    """Options of the outcomes' weights, in pots."""
 
     rest_weight: float = given(
         "--rest-weight", "W", "Part of a pot's value that depends on where the cue ball stops.", Number(0, 1), 0.2
     )
     far: float = given(
-        "--far", "D", "Distance from the wanted place at which that part is down to 1/e [m].", Number(1e-3, 10), 0.35
+        "--far", "D", "Distance from the wanted place at which that part falls to 1/e [m].", Number(1e-3, 10), 0.35
     )
-    foul_cost: float = given("--foul-cost", "C", "Pots that a foul costs.", Number(0, 100), 0.5)
+    foul_cost: float = given("--foul-cost", "C", "Cost of a foul, in pots.", Number(0, 100), 0.5)
 
     def weights(self) -> UtilityWeights:
-        """As plans are judged by them."""
+        """The weights for the evaluation of plans."""
         from planner.evaluation.value import UtilityWeights
 
         return UtilityWeights(self.rest_weight, self.far, self.foul_cost)
@@ -87,7 +87,7 @@ class Utility:
 
 @dataclass(frozen=True)
 class Search:
-    """How a stroke is sought."""
+    """Options of the search."""
 
     method: str = given(
         "--method", "", "risk: over errors of launcher and model; ga: the published genetic search, on the nominal "
@@ -98,9 +98,9 @@ class Search:
 
 @dataclass(frozen=True)
 class PlanOutputs:
-    """Files that a plan is written into."""
+    """Options of the output files."""
 
-    out: Path = given(out_option("PLAN.json", "Where the plan goes."))
+    out: Path = given(out_option("PLAN.json", "File for the plan."))
     report_file: Path | None = given(output_option("report", "FILE.html", "Write the plan with pictures."))
     picture_file: Path | None = given(output_option("picture", "FILE.png", "Draw the table from above."))
     rrd_file: Path | None = given(output_option("rrd", "FILE.rrd", "Write the plan as a recording for Rerun."))
@@ -119,7 +119,7 @@ def plan(
     progress: Progress, scene: Path, model_file: Path | None, hardware: Hardware, search: Search,
     utility: Utility, outputs: PlanOutputs,
 ) -> int:  # fmt: skip
-    """Plan the stroke for a scene, in physical units and the launcher's.
+    """Plan the stroke for a scene, in physical units and as the launcher's command.
 
     Reads a scene file and a fitted model. Writes the plan, and prints the stroke with its probabilities and the
     alternatives. Status 1 if no shot is reasonable.
@@ -149,7 +149,7 @@ def plan(
 
 
 def _draw(outputs: PlanOutputs, made: dict[str, Any], title: str) -> None:
-    """Report, picture and recording where asked."""
+    """Write report, picture and recording on request."""
     if outputs.report_file:
         from planner.report import write_report
 
@@ -174,4 +174,4 @@ def print_plan(made: dict[str, Any]) -> None:
     print("\n".join(plan_lines(made)))
     if rows := stroke_rows(made):
         print(table([STROKE_HEADS, *rows]))
-        print("rest: distance of the cue ball from the wanted place where it stops, else from its mean place, median")
+        print("rest: median distance of the cue ball's end point from the wanted place, or else from its mean")

@@ -16,10 +16,10 @@ from sysid.cli.viewing import Viewing
 @gathered("viewing", Viewing)
 @click.pass_obj
 def review(progress: Progress, plan: Path, viewing: Viewing) -> int:
-    """Review a plan in the Rerun viewer: the shot, what may become of it, the alternatives.
+    """Review a plan in the Rerun viewer: the shot, its possible outcomes, the alternatives.
 
-    Shows the nominal shot, draws of what launcher and model make of it, where the cue ball may come to rest, and each
-    alternative. The viewer listens to this machine alone.
+    Shows the nominal shot, samples under the errors of launcher and model, the possible end points of the cue ball, and
+    each alternative. The viewer listens to this machine alone.
 
     Example: planner review plan.json
     """
@@ -34,7 +34,7 @@ def review(progress: Progress, plan: Path, viewing: Viewing) -> int:
         tell_doubts(plan, made["scene"].get("camera_doubts", ()))
 
     def write(path: Path) -> None:
-        with entries_of(plan, "make it anew with: planner plan"):
+        with entries_of(plan, "make it again with: planner plan"):
             write_plan(path, made, title=f"The plan {plan.name}")
 
     return viewing.show(write, progress)

@@ -16,7 +16,7 @@ from sysid.cli.common import accept_camera_option, camera_option, mass_option, p
 
 @dataclass(frozen=True)
 class Wanted:
-    """The shot that is wanted: balls by name, places [m]."""
+    """Options of the wanted shot: balls by name, positions [m]."""
 
     cue: str | None = given("--cue", "BALL", "Ball to strike; by default white, or cue.")
     object_ball: str = given("--object", "BALL", "Ball to pot.", required=True)
@@ -29,7 +29,7 @@ class Wanted:
     avoid: tuple[str, ...] = given("--avoid", "BALL", "Ball not to touch; may be given more than once.", multiple=True)
 
     def goal(self) -> dict[str, Any]:
-        """The goal as a scene file has it."""
+        """The goal as entries of a scene file."""
         at_most_one(rest=self.rest, rest_region=self.rest_region, rest_for=self.rest_for)
         rest = {"rest": self.rest and list(self.rest), "rest_region": self.rest_region and list(self.rest_region)}
         rest_for, pocket, avoid = self.rest_for, _pocket(self.pocket), list(self.avoid) or None
@@ -45,7 +45,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class SceneSource:
-    """Where the balls are seen, with what is known of a picture, or which clip of a set."""
+    """The source of the balls' positions, with options of a picture or the clip of a set."""
 
     source: Path = given(click.argument("source", metavar="SOURCE", type=FILE_PATH))
     camera_file: Path | None = given(camera_option())
@@ -58,11 +58,11 @@ class SceneSource:
 @click.command()
 @gathered("source", SceneSource)
 @gathered("wanted", Wanted)
-@out_option("SCENE.toml", "Where the scene file goes.")
+@out_option("SCENE.toml", "File for the scene.")
 @effects_option()
 @click.pass_obj
 def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) -> int:
-    """Write a scene: where the balls are, and which shot is wanted.
+    """Write a scene: the positions of the balls, and the wanted shot.
 
     SOURCE is a picture, a folder of pictures, a video (its last frame), or a clip set (the end of a clip). A picture or
     video needs --camera. Writes a scene file.
@@ -76,7 +76,7 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
     goal, path, camera = wanted.goal(), source.source, source.camera_file
     if (path / "clips.toml").is_file():
         if camera:
-            raise BadInput(f"--camera {camera}: {path} is a clip set, whose positions are known; leave it out")
+            raise BadInput(f"--camera {camera}: {path} is a clip set, which has positions; omit it")
         made, found = scene_from_clips(path, goal, source.clip)
         heed_doubts(path, made.camera_doubts, source.accept_camera)
     else:
@@ -87,7 +87,7 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
         from sysid.vision import read_camera
 
         heed_doubts(camera, read_camera(camera).doubts, source.accept_camera)
-        cv2.setNumThreads(1)  # pictures are small: threads only wait for each other
+        cv2.setNumThreads(1)  # threads only slow down small pictures
         made, found = scene_from_picture(
             path, camera, goal, palette_path=source.palette_file, mass=source.mass, progress=progress
         )
@@ -103,7 +103,7 @@ def scene(progress: Progress, source: SceneSource, wanted: Wanted, out: Path) ->
 
 
 def _pocket(text: str) -> list[int] | str:
-    """A pocket as the scene file has it, from "any" or "+x-y", "-y"."""
+    """A pocket as an entry of a scene file, from "any" or "+x-y", "-y"."""
     if text == "any":
         return text
     sides = {"+x": (1, 0), "-x": (-1, 0), "+y": (0, 1), "-y": (0, -1)}

@@ -40,12 +40,12 @@ CPU_COUNT = os.cpu_count() or 1
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """What is planned in every scene, how often, and by how many processes."""
+    """Options of a study: model, scenes, methods and processes."""
 
     model_file: Path | None = given(
         input_option("model", "M.toml", "Model to plan with; by default the base on a full-size table, with priors.")
     )
-    scenes: int = given("--scenes", "N", "How many scenes.", Number(1, MAX_SCENES, whole=True), 200)
+    scenes: int = given("--scenes", "N", "Number of scenes.", Number(1, MAX_SCENES, whole=True), 200)
     balls: int = given("--balls", "N", "Balls in a scene, 2 to 8.", int, 2)
     execution_file: Path | None = given(execution_option)
     seed: int = given(seed_option())
@@ -57,12 +57,12 @@ class StudyOptions:
         "both",
     )
     jobs: int | None = given(
-        "--jobs", "N", "Scenes at a time; by default one per core.", Number(1, MAX_JOBS, whole=True)
+        "--jobs", "N", "Number of parallel scenes; by default one per core.", Number(1, MAX_JOBS, whole=True)
     )
     scheduler: str | None = given(scheduler_option)
 
     def study(self) -> Study:
-        """The study that these settings ask for."""
+        """The study with these settings."""
         from models.model_file import read_model
         from planner.study.draws import Study, usual_model
 
@@ -70,7 +70,7 @@ class StudyOptions:
         return Study(model, load_execution(self.execution_file, model), self.balls, self.seed, self.method)
 
     def workers(self, folders: Sequence[str], progress: Progress) -> contextlib.AbstractContextManager[Workers | None]:
-        """Whoever simulates the scenes; nobody else for one at a time."""
+        """The workers that simulate the scenes; None for one scene at a time in this process."""
         from models.workers import open_workers
 
         jobs = min(self.jobs or CPU_COUNT, self.scenes)
@@ -80,13 +80,13 @@ class StudyOptions:
 
 
 @click.command()
-@click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of the study; an old one continues.")
+@click.option("--out", metavar="DIR", type=FILE_PATH, required=True, help="Folder of the study, new or to continue.")
 @gathered("settings", StudyOptions)
-@output_option("report", "FILE.md", "Write the figures as Markdown, with pictures in a PNG beside it.")
+@output_option("report", "FILE.md", "Write the figures as Markdown, with pictures in a PNG next to it.")
 @json_option
 @click.option(
     "--scene", metavar="N FILE.toml", type=(str, FILE_PATH),
-    help="Only write one scene of the folder as a scene file for `planner plan`.",
+    help="Only write scene N of the folder as a scene file for `planner plan`.",
 )  # fmt: skip
 @effects_option(exposed=True)
 @click.pass_obj
@@ -94,17 +94,17 @@ def study(
     progress: Progress, out: Path, settings: StudyOptions, report_file: Path | None, json_file: Path | None,
     scene: tuple[str, Path] | None, effect_folders: tuple[str, ...],
 ) -> int:  # fmt: skip
-    """Study how plans fare over many random scenes.
+    """Study the success of plans over many random scenes.
 
-    Each scene is planned with a model, and judged on a hidden table that the planner does not know. Writes a file for
-    each scene into DIR; after an interrupt the same command continues there.
+    Each scene is planned with a model, and evaluated on a hidden table unknown to the planner. Writes a file for each
+    scene into DIR; after an interrupt the same command continues there.
 
     Example: planner study --out out/study --scenes 50 --report study.md
     """
     if scene:
         return _write_scene(out, *scene)
     if report_file and report_file.suffix == ".png":
-        raise BadInput(f"{report_file}: is the name of the picture beside the report; give one that ends in .md")
+        raise BadInput(f"{report_file}: is the name of the report's picture; give one that ends in .md")
 
     from planner.study.figures import figures
     from planner.study.folder import begin, carry_out, describe, read_scenes
@@ -119,7 +119,7 @@ def study(
             carry_out(out, asked, settings.scenes, workers, progress)
     except KeyboardInterrupt as end:
         count = len(read_scenes(out, settings.scenes))
-        end.add_note(f"{count} of {settings.scenes} scenes are kept in {out}; the same command continues from them")
+        end.add_note(f"{count} of {settings.scenes} scenes are kept in {out}; the same command continues from there")
         raise
     progress.close()
     scenes = read_scenes(out, settings.scenes)
@@ -136,13 +136,13 @@ def study(
 
 
 def _write_scene(out: Path, number: str, path: Path) -> int:
-    """One scene as a scene file."""
+    """Write one scene as a scene file."""
     from planner.scene import read_scene, scene_dict, scene_from, write_scene
     from planner.study.folder import read_object, scene_path
 
     result = read_object(scene_path(out, int(number))) if number.isdigit() else None
     if result is None or "scene" not in result:
-        raise BadInput(f"--scene {number}: is not in {out}; give the number of one that its report names")
+        raise BadInput(f"--scene {number}: is not in {out}; give a number from its report")
     source = scene_path(out, int(number))
     with entries_of(source, "remove it; the study's command simulates it again"):
         asked = scene_from(result["scene"], str(source))
@@ -151,7 +151,7 @@ def _write_scene(out: Path, number: str, path: Path) -> int:
     with contextlib.suppress(BadInput):
         same = same or scene_dict(read_scene(path)) == scene_dict(asked)
     if not same:
-        raise BadInput(f"{path}: is there already and holds something else; name another file")
+        raise BadInput(f"{path}: already exists and holds something else; name another file")
     write_scene(asked, path)
     print(f"scene: {path}" + ("" if stroke else " (no stroke was found for it)"))
     return Status.DONE

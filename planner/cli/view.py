@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from models.shot import Array, Ball, Table
     from planner.viewer import Setup
 
-DEFAULT_SPEED_M_S = 2.0  # of the ball, where nothing says otherwise
-MAX_SPEED_M_S = 15.0  # of the ball
+DEFAULT_SPEED_M_S = 2.0  # default speed of the ball
+MAX_SPEED_M_S = 15.0  # largest speed of the ball
 CAMERA_NAMES = ("corner", "overhead", "baulk")
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What is shown: a scene, plan or clip, and the model that it is played with."""
+    """Options of the view: a scene, plan or clip, and the model that plays it."""
 
     source: Path | None = given(click.argument("source", metavar="[SOURCE]", type=FILE_PATH, required=False))
     clip: str | None = given("--clip", "CLIP", "Of a clip set: a file or its number; by default the first.")
@@ -39,7 +39,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class GivenStroke:
-    """What the command line says of the stroke: speed of the ball [m/s], angles [rad], contact point [m]."""
+    """Options of the stroke: speed of the ball [m/s], angles [rad], contact point [m]."""
 
     speed: float | None = given(
         "--speed",
@@ -57,11 +57,9 @@ class GivenStroke:
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """Pictures instead of the viewer."""
+    """Options of pictures instead of the viewer."""
 
-    frames: int | None = given(
-        "--frames", "N", "Write so many pictures instead, into --out.", Number(1, 100_000, whole=True)
-    )
+    frames: int | None = given("--frames", "N", "Write N pictures into --out instead.", Number(1, 100_000, whole=True))
     out: Path | None = given(out_folder_option("Folder for the pictures.", "*.png", required=False))
     fps: float = given("--fps", "F", "Pictures per second.", Number(0.1, 10_000), 25.0)
     camera: str = given("--camera", "", "Viewpoint.", click.Choice(CAMERA_NAMES), "corner")
@@ -121,7 +119,7 @@ def setup(shown: Shown, given: GivenStroke) -> tuple[Model, Setup]:
     model = read_model(shown.model_file) if shown.model_file else full_model(table, ball)
     if shown.source and (model.table, model.ball) != (table, ball):
         raise BadInput(
-            f"{shown.model_file}: its table and ball are not those of {shown.source}; fit a model to that table"
+            f"{shown.model_file}: its table and ball differ from those of {shown.source}; fit a model to that table"
         )
     if not shown.source and shown.model_file:
         places = _racked(model.table, model.ball)
@@ -149,7 +147,7 @@ def _racked(table: Table, ball: Ball) -> dict[str, Array]:
 
 
 def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, float]]:
-    """Table, ball, positions by name, the ball to be struck first, and what is known of the stroke."""
+    """Table, ball, positions by name (the ball to be struck first), and known parts of the stroke."""
     from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from planner.scene import read_scene, scene_from
     from sysid.clips.trust import tell_doubts
@@ -160,7 +158,7 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
     if (source / "clips.toml").is_file():
         return _clip(source, shown.clip or "1")
     if shown.clip:
-        raise BadInput(f"--clip {shown.clip}: {source} is no clip set; leave it out")
+        raise BadInput(f"--clip {shown.clip}: {source} is not a clip set; omit it")
     known: dict[str, float] = {}
     if source.suffix == ".json":
         from planner.planning import read_plan
@@ -177,7 +175,7 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
 
 
 def _clip(source: Path, wanted: str) -> tuple[Table, Ball, dict[str, Array], dict[str, float]]:
-    """The beginning of a clip, and its cue's stroke where it is known."""
+    """The beginning of a clip, and its cue's stroke if known."""
     from sysid.clips import read_clip_set
     from sysid.clips.choose import chosen_clip
     from sysid.clips.trust import camera_doubts, tell_doubts
@@ -186,7 +184,7 @@ def _clip(source: Path, wanted: str) -> tuple[Table, Ball, dict[str, Array], dic
     tell_doubts(source, camera_doubts(clips))
     clip = chosen_clip(clips, wanted, source)
     if clip.running:
-        raise BadInput(f"--clip {wanted}: begins in mid-motion, so that there is no stroke to play; name another clip")
+        raise BadInput(f"--clip {wanted}: begins in mid-motion, without a stroke to play; name another clip")
     names = (clip.struck, *[n for n in clip.balls if n != clip.struck])
     places = {name: clip.balls[name].xy[0] for name in names}
     known = {k: float(getattr(clip.cue, k)) for k in GivenStroke.__annotations__} if clip.cue is not None else {}

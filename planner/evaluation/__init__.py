@@ -1,1 +1,1 @@
-"""What comes of a stroke on a fitted model: outcomes, their utility, and both under execution errors."""
+"""Evaluation of strokes on a fitted model: outcomes, their utility, and both under execution errors."""

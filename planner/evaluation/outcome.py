@@ -2,7 +2,7 @@
 
 In: a scene, and results of the event engine or MuJoCo tracks. Out: `Outcomes` of n shots. A foul is an in-off, a first
 contact with a ball other than the object ball (or with none), another ball potted, or contact with a ball to be
-avoided. Leaves out all other rules of the game.
+avoided. Left out: all other rules of the game.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ class Outcomes:
     potted: Flags  # (n,), the object ball in a pocket of the goal
     pocket: NDArray[np.int64]  # (n,), which of planner.scene.POCKETS took the object ball; -1 for none
     fouls: Flags  # (n, 4), by FOULS
-    place: Array  # (n, nball, 2) [m], where balls stopped; NaN where potted
+    place: Array  # (n, nball, 2) [m], end points of balls; NaN if potted
     hits: NDArray[np.int64]  # (n, 3), cushion contacts: cue ball before meeting the object ball, after; object ball
 
     @property
     def foul(self) -> Flags:
-        """Any foul: (n,)."""
+        """Whether there was any foul: (n,)."""
         return np.asarray(self.fouls.any(axis=1))
 
     @property
     def made(self) -> Flags:
-        """Potted, and no foul: (n,)."""
+        """Whether the ball was potted without a foul: (n,)."""
         return np.asarray(self.potted & ~self.foul)
 
     @property
     def cue(self) -> Array:
-        """Where the cue ball stopped: (n, 2) [m]."""
+        """End points of the cue ball: (n, 2) [m]."""
         return self.place[:, 0]
 
     def __len__(self) -> int:
@@ -58,7 +58,7 @@ class Outcomes:
 
 
 def concatenate(parts: Sequence[Outcomes]) -> Outcomes:
-    """Shots one after another."""
+    """Concatenate outcomes."""
     return Outcomes(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Outcomes)})
 
 
@@ -75,7 +75,7 @@ def goal_pockets(scene: Scene) -> tuple[Pocket, ...]:
 
 @dataclass(frozen=True)
 class _Facts:
-    """What happened in n shots, whichever engine played them."""
+    """The facts of n shots, from either engine."""
 
     gone: Flags  # (n, nball), balls that were potted
     place: Array  # (n, nball, 2) [m], where balls stopped or fell
@@ -85,7 +85,7 @@ class _Facts:
     hits: NDArray[np.int64]  # (n, 3), as in Outcomes
 
     def outcomes(self, scene: Scene) -> Outcomes:
-        """What the facts mean for the goal."""
+        """The outcomes with respect to the goal."""
         gone, ended = self.gone, self.ended[:, None]
         pocket = np.where(gone[:, 1] & self.ended, _nearest(scene, self.place[:, 1]), -1)
         potted = np.isin(pocket, [POCKETS.index(p) for p in goal_pockets(scene)])

@@ -1,9 +1,9 @@
 """Strokes played on a fitted model: thousands per second in the event engine, or in MuJoCo.
 
-In: a scene, a model and strokes q (n, 4), with constants of the model per stroke if wanted. Out: outcomes, or tracks.
+In: a scene, a model and strokes q (n, 4), optionally with constants of the model for each. Out: outcomes, or tracks.
 Both engines play all of the model's effects, with jaws at the pockets. The search uses the event engine
-(models/engine); MuJoCo checks the finalists, which the launcher's tip strikes there. A model that edits the MJCF can be
-played in MuJoCo only, and then a search takes ten times as long. Camera effects are left out: they change no shot.
+(models/engine); MuJoCo checks the finalists, struck by the launcher's tip. A model that edits the MJCF can be played in
+MuJoCo only, and then a search takes ten times as long. Camera effects are left out, since they change no shot.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from planner.scene import Scene
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Array]  # constants of the model, by name: (n,)
-LOGGED_EVENTS = 48  # of each shot; fouls and cushions are counted from them
-MAX_EVENTS = 3000  # of a shot; after these it is abandoned and counts as no pot
-SHOTS_PER_CHUNK = 20_000  # played at once, which bounds the memory of the event logs
+LOGGED_EVENTS = 48  # events logged for each shot, to count fouls and cushions
+MAX_EVENTS = 3000  # after this number of events a shot is abandoned and counts as no pot
+SHOTS_PER_CHUNK = 20_000  # shots played at a time, to bound the memory of event logs
 DURATION_FACTOR = 2.0  # MuJoCo simulates this multiple of the time to roll out from the first speed
-SHOT_HOOKS = ("edit", "forces", "horizon", "impact", "strike")  # through which an effect changes a shot
+SHOT_HOOKS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
 
 
 class Player:
     """A scene with the model and the launcher that play it."""
 
     def __init__(self, model: Model, scene: Scene, launcher: LauncherModel, threads: int = 0) -> None:
-        """Check that model and scene agree; BadInput if not. At most `threads` threads, 0 for all."""
+        """Create a player; BadInput if model and scene disagree. `threads` is the largest number, 0 for all."""
         if (model.table, model.ball) != (scene.table, scene.ball):
             raise BadInput(
                 f"the scene and the model differ in {_apart(scene, model)}: correct the scene, where a table's name, "
-                'such as table = "pool 9 ft", stands for its pockets and balls as well, or give another model'
+                'such as table = "pool 9 ft", also implies its pockets and balls, or give another model'
             )
         acting = tuple(e for e in model.stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         self.model = dataclasses.replace(model, effects=acting)
@@ -94,11 +94,11 @@ class Player:
         return of_tracks(self.scene, self.tracks(q, values, mujoco=True))
 
     def strike(self, tips: Array, values: Values | None = None) -> tuple[Outcomes, list[SimulatedStroke]]:
-        """Outcomes of strokes of the launcher's tip in MuJoCo, and what the ball got.
+        """Outcomes of strokes by the launcher's tip in MuJoCo, and the ball's motion after them.
 
         Args:
-            tips: cue speed [m/s], azimuth [rad], side and height of the cue's axis [m]: (n, 4); what is beyond the
-                launcher's range is played at its end.
+            tips: cue speed [m/s], azimuth [rad], side and height of the cue's axis [m]: (n, 4); values beyond the
+                launcher's range are clipped.
             values: constants of the model by name, (n,) each.
         """
         launcher = self.mapped()
@@ -116,13 +116,13 @@ class Player:
         return of_tracks(scene, tracks), made
 
     def mapped(self) -> MappedLauncher:
-        """The launcher, whose tip is known by its map; TypeError if it has none."""
+        """The launcher with its map, which describes the tip; TypeError without a map."""
         if not isinstance(self.launcher, MappedLauncher):
             raise TypeError(f"{type(self.launcher).__name__} has no map; make it with usual_launcher or with_map")
         return self.launcher
 
     def _durations(self, speed: Array) -> Array:
-        """How long balls of a first speed (n,) [m/s] are played [s]."""
+        """Durations of shots with initial ball speeds (n,) [m/s], to be simulated [s]."""
         cloth = next(e for e in self.model.effects if e.slot == "cloth")
         roll = float(np.min(getattr(cloth, "roll")))  # noqa: B009 (no field of every effect)
         return np.asarray(DURATION_FACTOR * speed / (roll * GRAVITY) + 1.0)
@@ -132,7 +132,7 @@ class Player:
     ) -> list[Track]:
         """Tracks of strokes (n, 4) until all balls rest, sampled `every` [s]; 0 for start and end only.
 
-        In the event engine, or in MuJoCo: if asked for, and where only that plays the model.
+        They are played in the event engine, or in MuJoCo on request or if only that can play the model.
         """
         scene, n = self.scene, len(q)
         velocity, spin = launch(q, self.launcher.elevation, scene.ball)
@@ -149,7 +149,7 @@ class Player:
 
 
 def _apart(scene: Scene, model: Model) -> str:
-    """What of table and ball differs, as the scene has it and as the model has it."""
+    """The differences of table and ball between scene and model, in words."""
     found = []
     for what, one, other in (("table", scene.table, model.table), ("ball", scene.ball, model.ball)):
         for key in (field.name for field in dataclasses.fields(one)):
@@ -160,7 +160,7 @@ def _apart(scene: Scene, model: Model) -> str:
 
 
 def _value(value: object) -> str:
-    """A size, or pockets by their name."""
+    """A size, or pockets by name, as text."""
     if isinstance(value, float | int) and not isinstance(value, bool):
         return repr(float(value))
     names = [name for name, pockets in POCKET_SETS.items() if read_pockets(name) == value]

@@ -1,10 +1,10 @@
-"""How far constants that nobody measured on a table may be from their usual values: the spread of published ones.
+"""Uncertainty of constants that were not measured: the spread of published values.
 
-In: a model. Out: the same model, in which constants without a standard deviation of their own have that of the values
-that have been published, low to high: (high - low) / sqrt(12), of a value that lies anywhere between them. They are
-independent of each other and of those that were fitted. So a plan on an unfitted model promises less the more it rests
-on what is known least: values of cushions differ most from table to table. Left out are constants of which no range was
-published, such as those of effects that a fit has not found, and what no constant expresses: that another law holds.
+In: a model. Out: the same model, in which constants without their own standard deviation have that of the published
+range: (high - low) / sqrt(12), for a value anywhere between. They are independent of each other and of fitted ones. So
+a plan on an unfitted model predicts less success the more it relies on the least known constants: those of cushions
+differ most between tables. Left out: constants without a published range, such as those of effects that were not
+found, and other laws.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from models.model_file import Estimate, Model
 
 
 def unfitted_spread(model: Model) -> dict[str, float]:
-    """Standard deviations of published values, by constant, of those for which the model has none of its own."""
+    """Standard deviations of published values, by constant, for constants without their own."""
     found = {}
     for name in model.parameters():
         known = model.estimates.get(name)

@@ -6,7 +6,7 @@ its mean utility, its probabilities with Wilson's 95 % interval, and the outcome
 One Monte Carlo sample holds the errors of one play: of the stroke (planner/launcher/execution.py), and of the model's
 constants, normal with the covariance of the fit and clipped to their bounds. All strokes are evaluated on the same
 samples (common random numbers), so that luck cancels in the difference of two strokes. The interval is that of
-independent samples, which is wide for scrambled Sobol points. Leaves out effects that the model lacks.
+independent samples, which is wide for scrambled Sobol points. Left out: effects that the model lacks.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ class ErrorSamples:
         return len(self.normal)
 
     def first(self, count: int) -> ErrorSamples:
-        """The first samples; a power of two of them fills the space evenly too."""
+        """The first samples; a power of two of them also fills the space evenly."""
         return ErrorSamples(self.normal[:count], {k: v[:count] for k, v in self.values.items()}, self.execution)
 
     def play(self, player: Player, q: Array, *, mujoco: bool = False) -> Outcomes:
-        """Play strokes (n, 4) with every sample: n m outcomes, those of one stroke together."""
+        """Play strokes (n, 4) with every sample: n m outcomes, grouped by stroke."""
         played = self.execution.perturb(q, self.normal).reshape(-1, 4)
         values = {name: np.tile(v, len(q)) for name, v in self.values.items()}
         return player.play(played, values) if mujoco else player.screen(played, values)
 
     def strike(self, player: Player, q: Array) -> tuple[Outcomes, TipDifference]:
-        """Play strokes (n, 4) with every sample by the launcher's tip in MuJoCo; and how it differs from the plan."""
+        """Play strokes (n, 4) with every sample by the launcher's tip in MuJoCo; also returns the tip's deviation."""
         launcher = player.mapped()
         size = self.execution.perturb(np.zeros((1, 4)), self.normal)[0]  # of azimuth and contact
         size[:, [SIDE, HEIGHT]] /= launcher.cueing_map.geometry.lever
@@ -74,7 +74,7 @@ class ErrorSamples:
 
 @dataclass(frozen=True)
 class TipDifference:
-    """By how much what the tip gives differs from what a plan assumes: (n m,) each."""
+    """Deviation of the tip's strokes from a plan's assumptions: (n m,) each."""
 
     speed: Array  # fraction
     azimuth: Array  # [rad]
@@ -82,7 +82,7 @@ class TipDifference:
 
 
 def draw_errors(model: Model, execution: Execution, count: int, seed: int) -> ErrorSamples:
-    """Draw `count` samples from a seed; sizes, and constants without a known uncertainty, keep their values."""
+    """Draw `count` samples from a seed; sizes, and constants of unknown uncertainty, keep their values."""
     known = model.parameters()
     drawn = [n for n in known if n not in model.sizes]  # sizes are known to tenths of a millimetre
     names = [n for n in drawn if n in model.estimates and 0 < model.estimates[n].sd < math.inf]
@@ -98,7 +98,7 @@ def draw_errors(model: Model, execution: Execution, count: int, seed: int) -> Er
 
 
 def _correlation(model: Model, names: list[str]) -> Array:
-    """Correlations that the fit reported, 0 where it reported none: (p, p)."""
+    """Correlations from the fit, 0 if it has none: (p, p)."""
     fitted, matrix = list(model.fitted.get("names", ())), model.fitted.get("correlation")
     out = np.eye(len(names))
     if matrix is None or np.shape(matrix) != (len(fitted), len(fitted)):
@@ -131,7 +131,7 @@ def wilson_interval(hits: float, count: int) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One stroke over all samples."""
+    """The evaluation of one stroke over all samples."""
 
     q: Array  # (4,)
     value: float  # expected utility
@@ -166,12 +166,12 @@ class Evaluation:
 def evaluate(
     player: Player, samples: ErrorSamples, q: Array, weights: UtilityWeights, *, mujoco: bool = False
 ) -> list[Evaluation]:
-    """Every stroke (n, 4) over all samples, in the event engine or in MuJoCo."""
+    """Evaluate strokes (n, 4) over all samples, in the event engine or in MuJoCo."""
     return evaluations(player, q, samples.play(player, q, mujoco=mujoco), weights)
 
 
 def evaluations(player: Player, q: Array, out: Outcomes, weights: UtilityWeights) -> list[Evaluation]:
-    """Every stroke (n, 4) by its outcomes, as many for each."""
+    """Evaluations of strokes (n, 4) from their outcomes, equally many for each."""
     m = len(out.potted) // len(q)
     values = utility(player.scene, out, weights).reshape(len(q), m).mean(axis=1)
     parts = [out.rows(slice(k * m, (k + 1) * m)) for k in range(len(q))]

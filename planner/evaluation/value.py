@@ -6,8 +6,8 @@ In: a scene, outcomes of shots (planner/evaluation/outcome.py) and the user's we
 
 with d the distance of the cue ball from the goal position; g = 1 where every position is as good. Where the position
 must leave a shot on another ball, g is the quality of the best direct pot from there, (1 - cut / 75 degrees)
-exp(-(path of the cue ball + path of the object ball) / 3 m), 0 where a ball blocks a path. Leaves out safety play and
-all shots after the next one.
+exp(-(path of the cue ball + path of the object ball) / 3 m), 0 if a ball blocks a path. Left out: safety play, and all
+shots after the next one.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PATH_SCALE_M = 3.0  # path length over which the value of the next shot falls to
 
 @dataclass(frozen=True)
 class UtilityWeights:
-    """What the user asks for; the field names are keys of plan files."""
+    """The user's weights; the field names are keys of plan files."""
 
     rest: float = 0.2  # part of a made shot's utility that the cue ball's position decides, 0 to 1
     far: float = 0.35  # distance from the goal position at which that part is down to 1/e [m]
@@ -36,7 +36,7 @@ class UtilityWeights:
 
 
 def rest_distance(scene: Scene, outcomes: Outcomes) -> Array:
-    """Distance from where the cue ball stopped to the goal position or region (n,) [m]; NaN if potted or no goal."""
+    """Distance of the cue ball's end point from the goal position or region (n,) [m]; NaN if potted or without goal."""
     goal = scene.goal
     if goal.rest is None:
         return np.full(len(outcomes), np.nan)

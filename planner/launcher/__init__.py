@@ -1,1 +1,1 @@
-"""The launcher as the planner sees it: strokes, execution errors, and the map from commands to the ball's motion."""
+"""The planner's model of the launcher: strokes, execution errors, and the map from commands to the ball's motion."""

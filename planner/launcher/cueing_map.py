@@ -6,9 +6,9 @@ robot/cueing/map_fit.py, or a map file (billiard-cueing-map/1, TOML). Out: `forw
 
 The inverse is a fixed-point iteration: cue speed and stage are corrected by the error of ball speed and spin, which are
 nearly linear in them; the cue is turned against squirt and the zero of the aim. No contact beyond half the radius is
-commanded (Robotic Billiards 2015). The file's [execution] is the launcher's repeatability. Leaves out the spin about
-the direction of the aim, which follows from the other parts, and drift of the constants with wear and chalk: measure
-again.
+commanded (Robotic Billiards 2015). The file's [execution] is the launcher's repeatability. Left out: the spin about the
+direction of the aim, which follows from the other parts, and drift of the constants with wear and chalk, which requires
+a new measurement.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-cueing-map/1"
-MAX_OFFSET = cueing.SEED_LIMIT  # greatest contact offset over radius that is commanded
-INVERSE_ITERATIONS = 12  # each leaves a tenth of the error
-USUAL_GAIN = 1.3  # ball speed over cue speed of a plain stroke, where the inverse starts
+MAX_OFFSET = cueing.SEED_LIMIT  # largest commanded contact offset over radius
+INVERSE_ITERATIONS = 12  # each reduces the error to a tenth
+USUAL_GAIN = 1.3  # ball speed over cue speed of a central stroke, the start of the inverse
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Setting:
 
     string: int  # the speed string nearest to `cue_speed`
     cue_speed: float  # as computed [m/s]; that of the string differs by up to half a step
-    x0_mm: float  # of the stage, to the right
-    y0_mm: float  # of the stage, up, across the cue
+    x0_mm: float  # stage position, to the right
+    y0_mm: float  # stage position, upwards, across the cue
     theta: float  # azimuth of the cue [rad], table frame
-    ball_speed: float  # that the string gives [m/s]
-    squirt: float  # compensated by theta, together with the zero of the aim [rad]
+    ball_speed: float  # resulting ball speed [m/s]
+    squirt: float  # which theta compensates, together with the zero of the aim [rad]
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,9 @@ class CueingMap:
         Args:
             ball_speed: horizontal, as the ball leaves the tip [m/s].
             azimuth: of the ball's direction [rad], table frame.
-            side: contact offset to the right that gives the spin [m].
-            height: the same, upwards [m].
-            launcher: gives speed strings and bounds; the default one if not given.
+            side: contact offset to the right, which sets the spin [m].
+            height: likewise, upwards [m].
+            launcher: with speed strings and bounds; by default the usual one.
 
         Raises:
             BadInput: the contact is beyond the miscue limit, or no cue speed within bounds gives that ball speed.
@@ -147,7 +147,7 @@ class CueingMap:
         if offset > max_offset + 1e-9:
             raise BadInput(
                 f"spin of side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm takes a contact {offset:.3f} R from "
-                f"the centre; the tip slips beyond {max_offset:g} R ({1e3 * max_offset * radius:.2f} mm), ask for less"
+                f"the centre; the tip slips beyond {max_offset:g} R ({1e3 * max_offset * radius:.2f} mm); use less spin"
             )
         if not launcher.slowest * (1 - 1e-9) <= cue <= launcher.fastest * (1 + 1e-9):
             slowest, fastest = (ball_speed / cue * v for v in (launcher.slowest, launcher.fastest))
@@ -164,7 +164,7 @@ class CueingMap:
 
 
 def write_map(path: Path | str, cueing_map: CueingMap) -> None:
-    """Write the map's TOML file, whole or not at all."""
+    """Write the map's TOML file, completely or not at all."""
     m, g = cueing_map, cueing_map.geometry
     data = {
         "format": FORMAT,
@@ -194,17 +194,17 @@ class Uncertainty:
     covariance: Annotated[Array, Allowed(shape=(len(CONSTANT_NAMES), len(CONSTANT_NAMES)), nan=True)]
 
     def __post_init__(self) -> None:
-        """BadInput for other constants, and for what is no covariance; nan where it was not computed."""
+        """Raise BadInput for other constants or an invalid covariance; nan means that it was not computed."""
         found = self.covariance
         if self.names != CONSTANT_NAMES:
             raise BadInput(f"names = {shown(list(self.names))}: give names = {list(CONSTANT_NAMES)}")
         if not np.isnan(found).all() and not (np.allclose(found, found.T) and (np.diag(found) >= 0).all()):
-            raise BadInput("covariance is not symmetric with a diagonal of 0 or more: write it anew")
+            raise BadInput("covariance is not symmetric with a diagonal of 0 or more: correct it")
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """The keys of a map file's [fit], as `CueingMap` has them."""
+    """The keys of a map file's [fit], as in `CueingMap`."""
 
     shots: Annotated[int, Allowed(0, 1e9)] = 0
     left_out: Annotated[int, Allowed(0, 1e9)] = 0
@@ -224,7 +224,7 @@ class CueingMapFile:
 
 
 def read_map(path: Path | str) -> CueingMap:
-    """A map from its file; BadInput names what is wrong in it."""
+    """Read a map file; BadInput names its faults."""
     file = read_toml(path, CueingMapFile, FORMAT, "name a cueing map")
     unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
     return CueingMap(

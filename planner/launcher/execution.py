@@ -7,7 +7,7 @@ Ball speed, azimuth, side and height of a stroke are the commanded ones plus ind
 speed. Robotic Billiards (2015) reports a repeatability of +-50 mm for strokes of up to 2.8 m/s: path length goes with
 the square of the speed, so that 50 mm of 2.2 m are 1.2 % of the speed. Its yaw is set by hand against the camera's
 picture; 1 mrad and 0.5 mm of the tip are estimates. The samples are Owen-scrambled Sobol points, which estimate a
-probability with fewer plays than independent ones. Leaves out errors that are correlated from shot to shot.
+probability with fewer plays than independent ones. Left out: errors that are correlated from shot to shot.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from models.files.decode import Allowed, Place, decode
 from models.files.faults import Faults
 
 Array = NDArray[np.float64]
-MAX_SD = {"speed_sd": 0.3, "azimuth_sd": 0.2, "side_sd": 0.01, "height_sd": 0.01}  # refused above: surely a wrong unit
+MAX_SD = {"speed_sd": 0.3, "azimuth_sd": 0.2, "side_sd": 0.01, "height_sd": 0.01}  # larger values are in a wrong unit
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class Execution:
 
 @dataclass(frozen=True)
 class ExecutionFile:
-    """What is read of a file with execution errors."""
+    """The keys of a file with execution errors."""
 
     execution: Annotated[Execution, Allowed(form="[execution] with speed_sd, azimuth_sd, side_sd, height_sd")]
 
 
 def execution_from(data: Any, where: str) -> Execution:
-    """Execution errors from the table [execution] of a file; BadInput names what is wrong in it."""
+    """Execution errors from the table [execution] of a file; BadInput names its faults."""
     faults = Faults()
     return faults.settle(decode(Execution, data, Place(where, faults, name="execution")))
 
@@ -66,7 +66,7 @@ def read_execution(path: Path | str) -> Execution:
 
 
 def normal_samples(count: int, columns: int, seed: int) -> Array:
-    """Standard normal numbers (count, columns) that fill their space evenly."""
+    """Standard normal numbers (count, columns) that fill the space evenly."""
     powers = max(0, math.ceil(math.log2(max(count, 1))))
     points = qmc.Sobol(columns, scramble=True, rng=np.random.default_rng(seed)).random_base2(powers)[:count]
     return np.asarray(ndtri(np.clip(points, 1e-9, 1 - 1e-9)))

@@ -1,13 +1,13 @@
-"""The launcher model of a launcher whose cueing map was measured.
+"""The launcher model with a cueing map.
 
-In: a launcher model and a cueing map. Out: a launcher model whose gain, commands and bounds come from the map, what the
-tip then does, and execution errors that include the map's uncertainty. A launcher that was not measured has the map of
-the literature's constants.
+In: a launcher model and a cueing map. Out: a launcher model with gain, commands and bounds from the map, the resulting
+motion of the tip, and execution errors that include the map's uncertainty. A launcher that was not measured has a map
+with constants from the literature.
 
 Speed and spin of a stroke are the ball's as it leaves the tip (planner/launcher/stroke.py); the map's balance of
 impulses, with slate, end mass and the zeros of stage and aim, gives the cue speed, stage and yaw for them. The slate
 takes part of the spin, so that contacts at the miscue limit give less spin than their offset would on a free ball. A
-squirt effect of the model was fitted to clips of mapped strokes: it is a remainder and adds to the map's squirt.
+squirt effect of the model was fitted to clips of mapped strokes: it is a residual and adds to the map's squirt.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from planner.launcher.execution import Execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
 
 Array = NDArray[np.float64]
-REFERENCE_SPEED_M_S = 2.0  # of the ball, for gain and spin limit; the gain changes by less than 1 % with speed
-GAIN_GRID_POINTS = 25  # of the gain table, along side and along height
-LIMIT_DIRECTIONS = 72  # in which the spin at the miscue limit is computed
+REFERENCE_SPEED_M_S = 2.0  # ball speed for gain and spin limit; the gain changes by less than 1 % with speed
+GAIN_GRID_POINTS = 25  # points of the gain table along side and along height
+LIMIT_DIRECTIONS = 72  # directions in which the spin at the miscue limit is computed
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class MappedLauncher(LauncherModel):
     """A launcher model with a measured cueing map."""
 
     cueing_map: CueingMap = field(kw_only=True)
-    squirt_in_model: bool = field(default=False, kw_only=True)  # all of it: an effect of the model turns the ball
+    squirt_in_model: bool = field(default=False, kw_only=True)  # whether an effect of the model causes all squirt
 
     @cached_property
     def _gains(self) -> RegularGridInterpolator:
@@ -70,14 +70,14 @@ class MappedLauncher(LauncherModel):
         out[:, SPEED], _, out[:, SIDE], out[:, HEIGHT] = self.cueing_map.forward(strings, x, y)
         offset = np.hypot(out[:, SIDE], out[:, HEIGHT])
         beyond = offset > self.offset * ball.radius
-        if beyond.any():  # rounded outwards: try again from two steps farther in
+        if beyond.any():  # rounded outwards: repeat from two steps further inside
             inward = q[beyond].copy()
             inward[:, [SIDE, HEIGHT]] *= (1.0 - 2.0 * self.step / offset[beyond])[:, None]
             out[beyond] = self.playable(inward, ball)
         return out
 
     def command(self, model: Model, q: Array) -> dict[str, Any]:
-        """The launcher's command for one stroke (4,), as plan files have it."""
+        """The launcher's command for one stroke (4,), as entries of a plan file."""
         rows = self.cueing_map.inverse(*(np.array([q[k]]) for k in (SPEED, SIDE, HEIGHT)))
         cue_speed, x, y, squirt = (float(v[0]) for v in rows)
         squirt *= not self.squirt_in_model
@@ -85,12 +85,12 @@ class MappedLauncher(LauncherModel):
 
     @property
     def device(self) -> Device:
-        """What the tip feels of the cue."""
+        """The properties of cue and tip."""
         known = self.cueing_map.constants
         return Device(known.cue_mass, known.end_mass, known.tip_restitution)
 
     def tip_strokes(self, q: Array) -> Array:
-        """Where the cue goes for strokes (n, 4): cue speed [m/s], azimuth [rad], side and height of its axis [m]."""
+        """Cue motion for strokes (n, 4): cue speed [m/s], azimuth [rad], side and height of its axis [m]."""
         known = self.cueing_map.constants
         cue_speed, x, y, squirt = self.cueing_map.inverse(q[:, SPEED], q[:, SIDE], q[:, HEIGHT])
         turn = q[:, AZIMUTH] - squirt * (not self.squirt_in_model) + known.aim_zero
@@ -98,13 +98,13 @@ class MappedLauncher(LauncherModel):
 
 
 def usual_map(ball: Ball) -> CueingMap:
-    """The map of the literature's constants, none of which was measured."""
+    """The map with constants from the literature, none of them measured."""
     unknown = np.full((len(CONSTANT_NAMES),) * 2, math.nan)
     return CueingMap(Constants(), Geometry(ball), unknown, Execution())
 
 
 def usual_launcher(model: Model, launcher: LauncherModel | None = None) -> MappedLauncher:
-    """A launcher that was not measured: the constants of the literature; the squirt is the model's where it has one."""
+    """A launcher with constants from the literature; the squirt is that of the model if it has one."""
     own = any("squirt" in (e.name(), e.slot) for e in model.effects)
     return dataclasses.replace(
         with_map(launcher or LauncherModel(), usual_map(model.ball), model.ball), squirt_in_model=own
@@ -112,11 +112,11 @@ def usual_launcher(model: Model, launcher: LauncherModel | None = None) -> Mappe
 
 
 def with_map(launcher: LauncherModel, cueing_map: CueingMap, ball: Ball) -> MappedLauncher:
-    """The launcher model with its map; BadInput if the map is of another ball."""
+    """The launcher model with its map; BadInput if the map is for another ball."""
     geometry = cueing_map.geometry
     if abs(geometry.ball.radius - ball.radius) > 1e-4 or abs(geometry.ball.mass - ball.mass) > 1e-3:
         raise BadInput(
-            f"the cueing map is of balls of {1e3 * geometry.ball.diameter:g} mm, {1e3 * geometry.ball.mass:g} g, the "
+            f"the cueing map is for balls of {1e3 * geometry.ball.diameter:g} mm, {1e3 * geometry.ball.mass:g} g, the "
             f"scene's have {1e3 * ball.diameter:g} mm, {1e3 * ball.mass:g} g; fit a map to strokes of these balls"
         )
     cue = dataclasses.replace(launcher.cue, tip_radius=geometry.tip_radius, elevation=geometry.elevation)
@@ -143,7 +143,7 @@ def execution_of(cueing_map: CueingMap) -> Execution:
 
 
 def _spin_limit(offset: float, cueing_map: CueingMap) -> float:
-    """The spin, as an offset over radius, that contacts at the miscue limit give in every direction at least."""
+    """The least spin, as an offset over radius, of contacts at the miscue limit in any direction."""
     angle = np.linspace(0.0, 2 * np.pi, LIMIT_DIRECTIONS, endpoint=False)
     g, c = cueing_map.geometry, cueing_map.constants
     limit = offset * g.ball.radius / g.lever

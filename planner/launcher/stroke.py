@@ -4,13 +4,13 @@ In: strokes q = (speed, azimuth, side, height): horizontal ball speed [m/s], aim
 (n, 4). Out: the cue ball's velocity and spin, the launcher's command, and the strokes that it can play.
 
 The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (side sin(el) along the aim, height to the
-left of it, side upwards), as sysid reads the cue commands of clips (sysid/estimation/start_values.py). A fitted squirt
-effect acts on that in the model.
+left of it, side upwards), like the cue commands of clips (sysid/estimation/start_values.py). A fitted squirt effect
+then acts on this in the model.
 
 The axis of the cue lies (R + r_t) / R farther out than the contact; the cue's speed is V_C = v (1 + M / M_C + 5/2
 rho^2) / ((1 + e) cos(el)); the speed string NNN commands V_C = 2.75 - 0.012312 (NNN - 1) m/s, the line through the
 paper's two figures ('001p' 2.75, '200p' 0.30 m/s). If the model has no squirt effect, the cue is turned against the
-squirt of models/analytic/cueing.py. Sources: Robotic Billiards (2015), Alciatore TP A.31. Leaves out the loss of some
+squirt of models/analytic/cueing.py. Sources: Robotic Billiards (2015), Alciatore TP A.31. Left out: the loss of some
 4 % of the speed to the slate, which a cueing map contains (planner/launcher/mapped.py).
 """
 
@@ -34,7 +34,7 @@ SPEED, AZIMUTH, SIDE, HEIGHT = range(4)
 
 @dataclass(frozen=True)
 class LauncherModel:
-    """The launcher as the planner sees it: bounds and resolution of its strokes, gain of its cue."""
+    """The planner's model of the launcher: bounds and resolution of strokes, gain of the cue."""
 
     cue: cueing.CueStick = field(default_factory=cueing.CueStick)
     slowest: float = 0.3  # least cue speed [m/s]; that of '200p' (Robotic Billiards 2015)
@@ -91,7 +91,7 @@ class LauncherModel:
         return out
 
     def command(self, model: Model, q: Array) -> dict[str, Any]:
-        """The launcher's command for one stroke (4,), as plan files have it."""
+        """The launcher's command for one stroke (4,), as entries of a plan file."""
         ball = model.ball
         cue_speed = float(q[SPEED] / self.gain(q[None], ball)[0])
         in_model = any(effect.slot == "squirt" or effect.name() == "squirt" for effect in model.effects)

@@ -1,1 +1,1 @@
-"""From a scene to strokes: candidates by geometry, the search over them, and the published method beside it."""
+"""Search for strokes: geometric candidates, the search over them, and the published method as a baseline."""

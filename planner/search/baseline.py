@@ -7,7 +7,7 @@ the cue ball, subject to V_C0 < 2.2 m/s, sqrt(x'_C^2 + y'_C^2) < 0.5 R, an aim t
 the object ball that comes within 55 mm of the pocket's middle. The genetic algorithm is differential evolution (Storn
 and Price 1997, scipy's), a whole generation at a time; strokes that violate a constraint rank behind all that
 satisfy them, in the order of their violation (Deb 2000). The paper's pocket is given; of several allowed ones the least
-difficult is taken.
+difficult is used.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from planner.scene import POCKETS, pocket_places
 from planner.search.candidates import Route, all_routes
 
 Array = NDArray[np.float64]
-POCKET_TOLERANCE_M = 0.055  # of the object ball's path from the pocket's middle (Robotic Billiards 2015)
+POCKET_TOLERANCE_M = 0.055  # from the object ball's path to the pocket's middle (Robotic Billiards 2015)
 POPULATION_PER_UNKNOWN = 12
 MAX_GENERATIONS = 40
-SAMPLE_PERIOD_S = 0.02  # between the points of a path: 44 mm at the fastest
-IN_OFF_COST_M2 = 99.0  # of an in-off, which satisfies the paper's constraints but has no final position
+SAMPLE_PERIOD_S = 0.02  # time between points of a path: at most 44 mm
+IN_OFF_COST_M2 = 99.0  # cost of an in-off, which satisfies the paper's constraints but has no final position
 VIOLATION_COST_M2 = 100.0  # least cost of a violated constraint, above any table's squared diagonal
 log = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ def _cost(track: Track, pocket: Array, rest: Array | None, radius: float) -> flo
 
 
 def _least_distance(track: Track, ball: int, place: Array) -> float:
-    """Least distance of a ball's path from a place (2,) [m]."""
+    """Least distance of a ball's path from a point (2,) [m]."""
     path = track.position[:, ball]
     path = path[np.isfinite(path[:, 0])]
     for event in track.events:

@@ -8,7 +8,7 @@ off first (kick). The pocket is mirrored in the rail of the bank, the ghost ball
 opposite to the pocket) in the rail of the kick. This aim neglects throw, swerve, squirt and spin at the cushion:
 therefore every combination of speed and tip offset is played in the event engine at a fan of aims about it, and the
 utilities are smoothed over the fan with the launcher's distribution of azimuth errors. Sources: ghost-ball aiming
-(Alciatore), sizes of throw and swerve (Robotic Billiards 2015, section IV). Leaves out routes over two cushions and
+(Alciatore), sizes of throw and swerve (Robotic Billiards 2015, section IV). Left out: routes over two cushions, and
 combinations over other balls.
 """
 
@@ -30,17 +30,17 @@ from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
 from planner.scene import POCKETS, Pocket, Scene, pocket_name, pocket_places
 
 Array = NDArray[np.float64]
-MAX_CUT_RAD = math.radians(80)  # cut angle beyond which a ball is not aimed at
+MAX_CUT_RAD = math.radians(80)  # largest cut angle that is tried
 STRAIGHT_CUT_RAD = math.radians(5)  # cut angle up to which a shot is called straight
-# Half widths of the fan of aims: what may turn a ball off its geometric line, generously.
-FAN_MARGIN_RAD = 0.002  # of every fan
-THROW_RAD = 0.12  # of the object ball by throw
-SWERVE_RAD = 0.045  # of the cue ball by swerve, at the tip's limit and 1 m or more of path
-FORCE_EFFECTS_RAD = 0.006  # by effects that push a rolling ball; more at long and slow shots
-REBOUND_WIDTHS = 0.1  # by a cushion, whose rebound is no mirror, in widths of the ghost ball
-KICK_RAD = 0.06  # of the cue ball by the cushion of a kick
+# Half widths of the fan of aims: generous bounds of deviations from the geometric line.
+FAN_MARGIN_RAD = 0.002  # margin of every fan
+THROW_RAD = 0.12  # throw of the object ball
+SWERVE_RAD = 0.045  # swerve of the cue ball, at the tip's limit and 1 m or more of path
+FORCE_EFFECTS_RAD = 0.006  # effects that push a rolling ball; more in long and slow shots
+REBOUND_WIDTHS = 0.1  # deviation of a rebound from a mirror image, in widths of the ghost ball
+KICK_RAD = 0.06  # deviation of the cue ball by the cushion of a kick
 AIMS_PER_FAN = 41
-SPEED_STEPS = 7  # from the slowest to the fastest
+SPEED_STEPS = 7  # number of speeds from the slowest to the fastest
 # Contact offsets (side, height) of the scan, over the limit of the tip.
 SCAN_OFFSETS = (
     *((0.0, 0.0), (0.0, 0.5), (0.0, 0.9), (0.0, -0.5), (0.0, -0.9)),
@@ -60,11 +60,11 @@ class Route:
     cue_path: float  # path length of the cue ball to the ghost ball [m]
     object_path: float  # path length of the object ball to the pocket [m]
     cut: float  # cut angle [rad]
-    obstacle: str  # why it cannot be played, in plain words; "" if it is open
+    obstacle: str  # the reason why it cannot be played; "" if it is open
 
     @property
     def direct(self) -> bool:
-        """Whether neither ball goes over a cushion."""
+        """Whether neither ball uses a cushion."""
         return self.bank < 0 and self.kick < 0
 
     @property
@@ -75,7 +75,7 @@ class Route:
 
 
 def _mirrored(scene: Scene, place: Array, rail: int) -> Array:
-    """A place (2,) mirrored in the line on which ball centres meet a rail; itself for -1."""
+    """A point (2,) mirrored in the line on which ball centres meet a rail; itself for -1."""
     if rail < 0:
         return place
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
@@ -85,7 +85,7 @@ def _mirrored(scene: Scene, place: Array, rail: int) -> Array:
 
 
 def _bounce(scene: Scene, start: Array, image: Array, rail: int) -> Array | None:
-    """Point (2,) at which the line to a mirrored place meets the straight part of the rail; None if it does not."""
+    """Point (2,) at which the line to a mirrored point meets the straight part of the rail; None if it does not."""
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
     level = sign * scene.table.centre_limits(scene.ball)[k]
     line = image - start
@@ -101,7 +101,7 @@ def _bounce(scene: Scene, start: Array, image: Array, rail: int) -> Array | None
 
 
 def _blocker(scene: Scene, legs: list[tuple[Array, Array]], who: str) -> str:
-    """Which ball, other than cue and object ball, blocks a path of straight legs, in words; "" for none."""
+    """A text on the ball that blocks a path of straight legs, apart from cue and object ball; "" for none."""
     for name, place in zip(scene.names[2:], scene.position[2:], strict=True):
         for a, b in legs:
             if not path_is_clear(a[None], b[None], place[None, None], scene.ball.diameter)[0]:
@@ -110,7 +110,7 @@ def _blocker(scene: Scene, legs: list[tuple[Array, Array]], who: str) -> str:
 
 
 def all_routes(scene: Scene) -> Iterator[Route]:
-    """All routes to the pockets of the goal, blocked and impossible ones too."""
+    """All routes to the pockets of the goal, including blocked and impossible ones."""
     ball = scene.position[1]
     places = pocket_places(scene.table)
     for pocket in goal_pockets(scene):
@@ -153,7 +153,7 @@ def _route(
     if cut > MAX_CUT_RAD:
         obstacle = f"cut of {math.degrees(cut):.0f} degrees"
     elif (np.abs(ghost) > scene.table.centre_limits(scene.ball) + 1e-3).any():
-        obstacle = "the ball lies against the cushion, behind it is no room to hit it from"
+        obstacle = "the ball is against the cushion, and there is no room behind it"
     return Route(pocket, bank, kick, math.atan2(aim[1], aim[0]), cue_path, object_path, cut, obstacle)
 
 
@@ -163,7 +163,7 @@ def _at_rail(pocket: Pocket, rail: int) -> bool:
 
 
 def open_routes(scene: Scene, count: int = 8) -> list[Route]:
-    """All open direct routes, then open ones over a cushion up to `count` in all; the least difficult first."""
+    """All open direct routes, then open ones over a cushion, `count` in all; the least difficult first."""
     routes = sorted((r for r in all_routes(scene) if not r.obstacle), key=lambda r: r.difficulty)
     direct = [r for r in routes if r.direct]
     return (direct + [r for r in routes if not r.direct])[: max(count, len(direct))]
@@ -171,7 +171,7 @@ def open_routes(scene: Scene, count: int = 8) -> list[Route]:
 
 @dataclass(frozen=True)
 class StartingStrokes:
-    """Strokes from which to search, the best first."""
+    """Start strokes of the search, the best first."""
 
     q: Array  # (n, 4)
     route: NDArray[np.int64]  # (n,), index of the route
@@ -200,7 +200,7 @@ def starting_strokes(
     good = [int(k) for k in order if score[k] > 0]
     chosen: list[int] = []
     per_route = np.zeros(len(routes), int)
-    for k in good:  # a route gets at most half of the places while others have strokes for them
+    for k in good:  # a route gets at most half of the list while others have strokes
         if per_route[which[k]] < count // 2:
             chosen.append(k)
             per_route[which[k]] += 1
@@ -260,5 +260,5 @@ def describe_route(route: Route) -> str:
     style, sides = pocket_name(pocket).split(" ", 1)
     kind = "straight" if route.cut < STRAIGHT_CUT_RAD else f"cut of {math.degrees(route.cut):.0f} degrees"
     bank = f" off the {RAIL_NAMES[route.bank]} cushion" if route.bank >= 0 else ""
-    kick = f", cue ball by way of the {RAIL_NAMES[route.kick]} cushion" if route.kick >= 0 else ""
+    kick = f", cue ball via the {RAIL_NAMES[route.kick]} cushion" if route.kick >= 0 else ""
     return f"{kind} into the {style} pocket {sides}{bank}{kick}"

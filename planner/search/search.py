@@ -1,4 +1,4 @@
-"""The search: strokes of the greatest expected utility under the launcher's errors and the model's uncertainty.
+"""The search for strokes of greatest expected utility under the launcher's errors and the model's uncertainty.
 
 In: a scene on its model, the launcher's repeatability, the weights of the utility. Out: strokes of different kinds,
 each with its probabilities, the best first.
@@ -8,9 +8,9 @@ each with its probabilities, the best first.
    evaluated over common random numbers; mean and spread follow the best of them. All starts run side by side; at each
    stage the worse half is dropped and the rest is evaluated over twice as many samples (successive halving, Jamieson
    and Talwalkar 2016).
-3. The strokes that remain are rounded to what the launcher can play, and the best few are evaluated over samples that
-   the search has not used: the best of many is partly the luckiest, so its old figures are biased upwards. Some of
-   these plays are repeated in MuJoCo, where the launcher's tip strikes, and the difference counts in the final order.
+3. The remaining strokes are rounded to playable ones, and the best few are evaluated over new samples: the best of
+   many is partly the luckiest, so its old figures are biased upwards. Some of these plays are repeated in MuJoCo,
+   where the launcher's tip strikes, and the difference enters the final order.
 
 Everything else is played in the event engine, with all of the model's effects.
 """
@@ -37,32 +37,32 @@ from planner.search.candidates import Route, all_routes, open_routes, starting_s
 Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 NO_SPIN_OFFSET = 0.15  # contact offset over radius below which a stroke is described as without spin
-MIN_MADE_PROBABILITY = 0.05  # of a shot that is offered
+MIN_MADE_PROBABILITY = 0.05  # least probability of success of an offered shot
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much to compute; the field names are keys of a study's settings file."""
+    """The amount of computation; the field names are keys of a study's settings file."""
 
     starts: int = 36  # starting strokes that are refined
-    strokes: int = 24  # drawn about each in an iteration
-    best: int = 6  # of them that mean and spread follow
+    strokes: int = 24  # strokes drawn around each in an iteration
+    best: int = 6  # best of these, which set mean and spread
     rounds: int = 2  # iterations before the worse half of the starts is dropped
-    halved: int = 3  # times that it is dropped
-    plays: int = 16  # samples that a stroke is evaluated over; twice as many after each halving
+    halved: int = 3  # number of halvings
+    plays: int = 16  # samples of an evaluation; doubled after each halving
     finalists: int = 6  # strokes that are evaluated over new samples
-    closely: int = 256  # samples that the finalists are chosen by
+    closely: int = 256  # samples for the choice of finalists
     fresh: int = 1024  # new samples for the finalists
-    checked: int = 8  # of these samples that are played in MuJoCo as well, at some 10 ms each
+    checked: int = 8  # samples of these that are also played in MuJoCo, at some 10 ms each
 
 
 @dataclass(frozen=True)
 class RankedStroke:
-    """A stroke that the search offers."""
+    """A stroke offered by the search."""
 
     route: Route
     evaluation: Evaluation
-    engines: dict[str, Any]  # shots made over the same plays in either engine, and how the tip differs
+    engines: dict[str, Any]  # shots made over the same plays in either engine, and the tip's deviation
 
 
 def search(
@@ -72,10 +72,10 @@ def search(
 
     Args:
         player: the scene on its model.
-        execution: how well the launcher repeats.
+        execution: the launcher's repeatability.
         weights: of the utility.
         seed: of all random numbers.
-        effort: how much to compute.
+        effort: amount of computation.
     """
     effort = effort or Effort()
     routes = open_routes(player.scene)
@@ -109,33 +109,33 @@ def in_both_engines(
 ) -> tuple[list[Evaluation], list[dict[str, Any]], Array]:
     """Strokes (n, 4) evaluated in the event engine over all samples, and in MuJoCo over the first `checked`.
 
-    In MuJoCo the launcher's tip strikes, where its map is known; otherwise the ball starts as the plan has it.
+    In MuJoCo the launcher's tip strikes if its map is known; otherwise the ball starts as planned.
 
     Returns:
-        Their evaluations, the shots made in either engine over the same plays, with what the tip gives beyond what the
-        plan assumes ("tip": mean differences of speed as a fraction, azimuth [rad], and R times spin over speed), and
-        the expected utility in MuJoCo less that in the event engine (n,), which common plays estimate well.
+        Their evaluations, the shots made in either engine over the same plays with the tip's deviation from the plan
+        ("tip": mean differences of speed as a fraction, azimuth [rad], and R times spin over speed), and the expected
+        utility in MuJoCo minus that in the event engine (n,), which common plays estimate well.
     """
     final, few = evaluate(player, samples, q, weights), samples.first(min(checked, len(samples)))
     events = evaluate(player, few, q, weights)
-    told: list[dict[str, Any]] = [{} for _ in q]
+    extras: list[dict[str, Any]] = [{} for _ in q]
     if isinstance(player.launcher, MappedLauncher):
         out, off = few.strike(player, q)
         mujoco = evaluations(player, q, out, weights)
         parts = {"speed": off.speed, "azimuth": off.azimuth, "spin": off.spin}
-        for k, one in enumerate(told):
+        for k, one in enumerate(extras):
             one["tip"] = {n: float(v.reshape(len(q), -1)[k].mean()) for n, v in parts.items()}
     else:
         mujoco = evaluate(player, few, q, weights, mujoco=True)
     pairs = list(zip(events, mujoco, strict=True))
     engines = [
-        {"plays": len(few), "events": a.made, "mujoco": b.made} | one for (a, b), one in zip(pairs, told, strict=True)
+        {"plays": len(few), "events": a.made, "mujoco": b.made} | one for (a, b), one in zip(pairs, extras, strict=True)
     ]
     return final, engines, np.array([b.value - a.value for a, b in pairs])
 
 
 def _played_route(player: Player, routes: list[Route], start: int, evaluation: Evaluation) -> Route:
-    """The route that a stroke takes: another than it started along if any pocket counts and another takes the ball."""
+    """The actual route of a stroke, which may differ from its start route if any pocket counts."""
     out = evaluation.outcomes
     pocket = int(np.argmax(np.bincount(out.pocket[out.potted], minlength=6)))
     if routes[start].pocket == pocket:
@@ -163,10 +163,10 @@ class _Refinement:
     rng: np.random.Generator
 
     def run(self, stages: Sequence[ErrorSamples], q: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Strokes (n, 4) moved to a greater expected utility; after each stage of samples the worse half is dropped.
+        """Improve strokes (n, 4) in expected utility; after each stage of samples the worse half is dropped.
 
         Returns:
-            The strokes that remain, and the numbers of the given ones that they come from.
+            The remaining strokes, and the indices of their start strokes.
         """
         effort, n = self.effort, len(q)
         sd = self._initial_spread(q, stages[0].execution)
@@ -175,7 +175,7 @@ class _Refinement:
             top = np.full(n, -np.inf)  # utility of `best` over these samples
             for _ in range(effort.rounds):
                 drawn = mean[live, None] + sd[live, None] * self.rng.standard_normal((live.size, effort.strokes, 4))
-                drawn[:, 0] = best[live]  # the best so far stays among them
+                drawn[:, 0] = best[live]  # keep the best so far
                 flat = within_bounds(self.player, drawn.reshape(-1, 4))
                 values = self._values(samples, flat).reshape(-1, effort.strokes)
                 drawn = flat.reshape(-1, effort.strokes, 4)
@@ -195,7 +195,7 @@ class _Refinement:
         return np.where((values[:n] >= values[n:] - 0.01)[:, None], last, best), live
 
     def _initial_spread(self, q: Array, execution: Execution) -> Array:
-        """Standard deviations (n, 4) as wide as the grid of the fans is coarse."""
+        """Standard deviations (n, 4) of the grid spacing of the fans."""
         sd = np.empty((len(q), 4))
         sd[:, SPEED] = 0.12 * q[:, SPEED]
         sd[:, AZIMUTH] = max(0.002, 1.5 * execution.azimuth_sd)
@@ -220,7 +220,7 @@ def within_bounds(player: Player, q: Array) -> Array:
 
 
 def cushions_after(evaluation: Evaluation) -> int:
-    """Cushions that the cue ball touches after the object ball: the median over the plays that are made."""
+    """Cushions that the cue ball touches after the object ball: median over successful plays."""
     out = evaluation.outcomes
     return int(np.median(out.hits[out.made, 1])) if out.made.any() else 0
 
@@ -234,7 +234,7 @@ def spin_in_words(q: Array, radius: float) -> str:
 
 
 def _best_of_each_kind(strokes: Sequence[RankedStroke], radius: float) -> list[RankedStroke]:
-    """The first stroke of every combination of pocket, bank, kick, cushions after the object ball, and spin."""
+    """The first stroke of every combination of pocket, bank, kick, cushions after the object ball and spin."""
     best: dict[tuple[object, ...], RankedStroke] = {}
     for one in strokes:
         route, evaluation = one.route, one.evaluation

@@ -1,1 +1,1 @@
-"""How plans fare over many random scenes with a hidden truth."""
+"""Statistics of plans over many random scenes with a hidden truth."""

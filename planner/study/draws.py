@@ -4,8 +4,8 @@ In: a `Study` (model, repeatability, seed, method) and the number of a scene. Ou
 strokes are evaluated on. A scene: balls within a 5 x 6 ft area at one end of the table and a pocket at its edge, as in
 Robotic Billiards (2015); the goal position is where the cue ball stops after a random stroke that pots. The truth: the
 model's constants drawn from their uncertainty, and one small effect that the model lacks. All random numbers of a scene
-come from the study's seed and the scene's number, so that results depend neither on order nor on processes. Leaves out
-truths farther from the model than its uncertainty says.
+come from the study's seed and the scene's number, so that results depend neither on order nor on processes. Left out:
+truths that deviate from the model by more than its uncertainty.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ Array = NDArray[np.float64]
 BALL_NAMES = ("white", "red", "blue", "pink", "black", "brown", "green", "yellow")
 AREA_M = (1.829, 1.524)  # along and across the table, at its -x end (Robotic Billiards 2015)
 AREA_POCKETS = ((-1, 1), (0, 1), (-1, -1), (0, -1))  # pockets at the area's edge
-MIN_SEPARATION_RADII = 3.0  # between the centres of two balls
-CUSHION_CLEARANCE_M = 0.01  # of the object ball from a cushion
+MIN_SEPARATION_RADII = 3.0  # least distance between the centres of two balls
+CUSHION_CLEARANCE_M = 0.01  # least distance of the object ball from a cushion
 MAX_CALLED_CUT_RAD = math.radians(65)  # cut angle beyond which a player would not call the pocket
-MAX_SCENES_DRAWN = 2000  # for one that can be played
-REACHABLE_STROKES = 512  # drawn to find one that pots
-PLACE_DECIMALS = 4  # of places and distances [m] that are kept
-# Standard deviations of constants for which the model has none: estimates.
+MAX_SCENES_DRAWN = 2000  # most draws to find a playable scene
+REACHABLE_STROKES = 512  # strokes drawn to find one that pots
+PLACE_DECIMALS = 4  # decimals of stored positions and distances [m]
+# Estimated standard deviations of constants for which the model has none.
 PRIOR_SDS = {
     "decoupled_cloth.slide": 0.005, "decoupled_cloth.roll": 0.0002, "decoupled_cloth.spin": 0.5,
     "ball_impact.restitution": 0.01, "ball_impact.friction": 0.005,
     "cushion_impact.restitution": 0.02, "cushion_impact.friction": 0.01,
 }  # fmt: skip
 USUAL_CONSTANTS = {"ball_impact.restitution": 0.89, "cushion_impact.restitution": 0.98}  # Mathavan 2010, 2014
-# Effects that a truth may hold and no model knows, and their part of the natural size; of squirt, what its correction
-# leaves.
+# Effects that a truth may have and the model lacks, as shares of the natural size; of squirt, the residual after its
+# correction.
 UNMODELLED_EFFECTS = {
     "table_tilt": 0.4, "cloth_nap": 0.25, "speed_drag": 0.25, "air_drag": 0.25, "side_curve": 0.25,
     "slide_friction_speed": 0.25, "spin_decay_speed": 0.25, "spin_slide_coupling": 0.25, "off_centre_ball": 0.25,
@@ -60,7 +60,7 @@ UNMODELLED_EFFECTS = {
 
 
 class Stream(IntEnum):
-    """What is drawn for a scene, each from a random stream of its own."""
+    """The random streams of a scene, one for each kind of draw."""
 
     SCENE = 0
     TRUTH = 1
@@ -71,19 +71,19 @@ class Stream(IntEnum):
 
 @dataclass(frozen=True)
 class Study:
-    """What every scene of a study shares."""
+    """The common settings of a study's scenes."""
 
     model: Model
     execution: Execution = field(default_factory=Execution)
     balls: int = 2
     seed: int = 0
     method: str = "both"
-    plays: int = 200  # that a stroke is evaluated by on the truth
+    plays: int = 200  # plays that evaluate a stroke on the truth
     effort: Effort = field(default_factory=Effort)
     weights: UtilityWeights = field(default_factory=UtilityWeights)
 
     def __post_init__(self) -> None:
-        """BadInput for settings from which no scene can be drawn."""
+        """Raise BadInput for settings from which no scene can be drawn."""
         if self.method not in ("both", *METHODS):
             raise BadInput(f"method is {self.method!r}; choose from both, {', '.join(METHODS)}")
         if not 2 <= self.balls <= len(BALL_NAMES):
@@ -104,13 +104,13 @@ class Study:
 
 
 def usual_model() -> Model:
-    """The base on a full-size table with Mathavan's constants, as uncertain as the priors."""
+    """The base on a full-size table with Mathavan's constants and the uncertainty of the priors."""
     model = full_model(SNOOKER_TABLE, SNOOKER_BALL).with_values(USUAL_CONSTANTS)
     return dataclasses.replace(model, estimates={k: Estimate(sd, "prior of the study") for k, sd in PRIOR_SDS.items()})
 
 
 def draw_scene(study: Study, number: int) -> tuple[Scene, int]:
-    """The scene of that number, and how many were drawn to find it."""
+    """The scene with a number, and the number of draws to find it."""
     model, rng = study.model, np.random.default_rng(study.number(number, Stream.SCENE))
     names = BALL_NAMES[: study.balls]
     for tries in range(1, MAX_SCENES_DRAWN + 1):
@@ -135,7 +135,7 @@ def draw_scene(study: Study, number: int) -> tuple[Scene, int]:
 
 
 def _places(model: Model, count: int, rng: np.random.Generator) -> Array | None:
-    """Places of balls (count, 2) [m] in the area; None if two are too close to each other."""
+    """Random positions of balls (count, 2) [m] in the area; None if two are too close."""
     limit, end = model.table.centre_limits(model.ball), model.table.length / 2
     low = np.array([-limit[0], -min(AREA_M[1] / 2, limit[1])])
     high = np.array([min(AREA_M[0] - end, limit[0]), -low[1]])
@@ -149,7 +149,7 @@ def _places(model: Model, count: int, rng: np.random.Generator) -> Array | None:
 
 
 def _reachable_position(player: Player, route: Route, rng: np.random.Generator) -> Array | None:
-    """Where the cue ball stops (2,) after a random stroke along a route that pots without a foul; None if none does."""
+    """End point (2,) of the cue ball after a random stroke that pots without a foul; None if none does."""
     scene, launcher, n = player.scene, player.launcher, REACHABLE_STROKES
     offset, angle = launcher.max_offset(scene.ball) * np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
     q = np.zeros((n, 4))
@@ -166,7 +166,7 @@ def _reachable_position(player: Player, route: Route, rng: np.random.Generator) 
 
 
 def draw_truth(study: Study, number: int) -> tuple[Model, dict[str, Any]]:
-    """The model that the scene of that number is evaluated on, which is certain, and what was drawn for it."""
+    """The true model of a scene by number, without uncertainty, and the values drawn for it."""
     model = study.model
     estimates = {n: e for n, e in model.estimates.items() if 0 < e.sd < math.inf}
     estimates = {n: Estimate(PRIOR_SDS[n]) for n in model.parameters() if n in PRIOR_SDS} | estimates
@@ -183,7 +183,7 @@ def draw_truth(study: Study, number: int) -> tuple[Model, dict[str, Any]]:
 
 
 def _effect_values(name: str, rng: np.random.Generator) -> dict[str, float]:
-    """Parameters of an unmodelled effect: of either sign if its bounds allow; a tilt in any direction."""
+    """Random parameters of an unmodelled effect, of either sign if its bounds allow; a tilt in any direction."""
     angle, tilt = rng.uniform(0, 2 * np.pi), name == "table_tilt"
     out = {}
     for k, (key, meta) in enumerate(effect_class(name).parameters().items()):

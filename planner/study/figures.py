@@ -1,7 +1,7 @@
 """The figures of a study of plans.
 
 In: results of scenes (planner/study/runs.py). Out: plain values: means over scenes with their standard error, the
-calibration of the predicted probabilities, figures by effect, the worst scenes; None where there are no data.
+calibration of the predicted probabilities, figures by effect, the worst scenes; None without data.
 
 A shot is made if it pots without a foul; shares are means over scenes of the part of plays observed on the truth.
 Calibration sorts scenes by the predicted probability of a pot, fouls included, into ten bins: of calibrated predictions
@@ -22,11 +22,11 @@ from planner.evaluation.outcome import FOULS
 
 Array = NDArray[np.float64]
 Record = Mapping[str, Any]  # the results of a scene, or the figures of a study
-SEARCH, BASELINE = "risk", "ga"  # keys of the methods
+SEARCH, BASELINE = "risk", "ga"  # keys of the two methods
 CALIBRATION_BINS = 10
-MIN_BIN_SCENES = 5  # that a bin needs to count in the largest gap of calibration
-WORST_SCENES = 6  # listed
-UTILITY_MARGIN = 0.01  # by which the baseline's stroke must be better to count as overlooked by the search
+MIN_BIN_SCENES = 5  # fewest scenes of a bin in the largest gap of calibration
+WORST_SCENES = 6  # number of worst scenes listed
+UTILITY_MARGIN = 0.01  # least advantage of a baseline stroke that counts as overlooked by the search
 
 
 def figures(scenes: Sequence[Record]) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def figures(scenes: Sequence[Record]) -> dict[str, Any]:
 
 
 def observed(scene: Record, method: str) -> Record:
-    """What was observed on the truth of the stroke of a method."""
+    """The observed figures of a method's stroke on the truth."""
     return scene["methods"][method]["seen"]
 
 
@@ -76,7 +76,7 @@ def _mean(values: Sequence[float]) -> dict[str, float | None]:
 
 
 def _quantile(values: Sequence[float | None], part: float) -> float | None:
-    """Quantile of the values that are not None."""
+    """Quantile of the values other than None."""
     known = [v for v in values if v is not None]
     return float(np.quantile(known, part)) if known else None
 
@@ -114,7 +114,7 @@ def _calibration(scenes: Sequence[Record], method: str) -> dict[str, Any]:
 
 
 def _worst(scenes: Sequence[Record], method: str) -> list[dict[str, Any]]:
-    """The scenes in which a method stays farthest below the ceiling."""
+    """The scenes in which a method is farthest below the ceiling."""
     ranked = sorted(scenes, key=lambda s: (observed(s, method)["made"] - s["ceiling"]["made"], s["number"]))
     return [
         {"number": s["number"], "made": observed(s, method)["made"], "ceiling": s["ceiling"]["made"],
@@ -142,7 +142,7 @@ def _constants(scenes: Sequence[Record]) -> dict[str, dict[str, float]]:
 
 
 def _collected(scenes: Sequence[Record], key: str) -> dict[str, list[float]]:
-    """All values of the numbers under a key of the truths, by name."""
+    """All values under a key of the truths, by name."""
     out: dict[str, list[float]] = {}
     for s in scenes:
         for name, value in s["truth"][key].items():

@@ -1,8 +1,8 @@
-"""A study's folder: what its scenes share, and each scene in a file of its own as soon as it is simulated.
+"""A study's folder: common settings, and a file for each scene as soon as it is simulated.
 
-study.json and model.toml hold what the scenes share, scenes/0001.json and so on a scene each, whole or absent. A run
-continues from what is there. Settings, models or sources other than those that the folder was begun with are refused:
-figures over a mixture would mean nothing. Only times differ between runs and numbers of processes.
+study.json and model.toml hold the common settings, scenes/0001.json and so on one scene each, complete or absent. A run
+continues from the existing scenes. Settings, models or sources that differ from those at the start are refused, since
+figures over a mixture would be meaningless. Only times differ between runs and numbers of processes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 STUDY_FORMAT = "billiard-study-plans/1"
 MODEL_FILE = "model.toml"
-# Sources that show and ask, but change no figure: another version of them may continue a study.
+# Sources of input and output that change no figure: another version of them may continue a study.
 UNCHECKED_SOURCES = (
     "cli/*.py", "command_line.py", "console.py", "*report.py", "figures.py", "pictures.py",
     "from_picture.py", "*environment.py", "view*.py", "recording/*.py",
@@ -34,7 +34,7 @@ UNCHECKED_SOURCES = (
 
 
 def describe(study: Study) -> dict[str, Any]:
-    """What the scenes of a folder share, as plain values."""
+    """The common settings of a folder's scenes, as plain values."""
     return {
         "format": STUDY_FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
         "execution": asdict(study.execution), "wish": asdict(study.weights), "effort": asdict(study.effort),
@@ -53,7 +53,7 @@ def fingerprint() -> str:
 
 
 def begin(out: Path | str, study: Study) -> None:
-    """Make a study's folder, or check that it is this study's; BadInput names the first difference."""
+    """Make a study's folder, or check that it belongs to this study; BadInput names the first difference."""
     from models.model_file import write_model
 
     out, now = Path(out), describe(study)
@@ -62,22 +62,22 @@ def begin(out: Path | str, study: Study) -> None:
     head = out / "study.json"
     if not head.exists():
         if out.is_dir() and {path.name for path in out.iterdir()} - {MODEL_FILE}:
-            raise BadInput(f"{out}: holds something else than a study; choose another folder")
+            raise BadInput(f"{out}: holds something other than a study; choose another folder")
         write_model(study.model, out / MODEL_FILE)  # to plan and view single scenes with
-        write_whole(head, (json.dumps(now, indent=1) + "\n").encode())  # the last: it marks a whole beginning
+        write_whole(head, (json.dumps(now, indent=1) + "\n").encode())  # written last: it marks a complete start
         return
     then = read_object(head)
     if then is None or then.get("format") != STUDY_FORMAT:
-        raise BadInput(f"{head}: is not of this program; choose another folder")
+        raise BadInput(f"{head}: was not made by this program; choose another folder")
     for key, value in now.items():
         if then.get(key) != value:
             was, new = _differing(then.get(key), value)
             remedy = "choose another --out" if key == "sources" else f"choose another --out, or {key} as then"
-            raise BadInput(f"{out}: was begun with {key} {was}, now {new}; figures would mix: {remedy}")
+            raise BadInput(f"{out}: was started with {key} {was}, now it is {new}, and figures must not mix: {remedy}")
 
 
 def _differing(was: Any, new: Any) -> tuple[str, str]:
-    """Two settings that differ, as text; of two tables only the keys that differ."""
+    """Two different settings as text; of two tables only the different keys."""
     if isinstance(was, dict) and isinstance(new, dict):
         keys = [k for k in {**was, **new} if was.get(k) != new.get(k)]
         was, new = ({k: side.get(k) for k in keys} for side in (was, new))
@@ -86,7 +86,7 @@ def _differing(was: Any, new: Any) -> tuple[str, str]:
 
 
 def read_object(path: Path) -> dict[str, Any] | None:
-    """The object that a JSON file holds; None where there is none."""
+    """The object in a JSON file; None if the file does not exist."""
     data = read_document(path, str(path), Faults(), "", json.loads)
     return data if isinstance(data, dict) else None
 
@@ -97,13 +97,13 @@ def scene_path(out: Path | str, number: int) -> Path:
 
 
 def read_scenes(out: Path | str, count: int) -> list[dict[str, Any]]:
-    """Results of the first `count` scenes, as far as there are any, by number."""
+    """Existing results of the first `count` scenes, by number."""
     found = (read_object(scene_path(out, number)) for number in range(1, count + 1))
     return [data for data in found if data is not None]
 
 
 def carry_out(out: Path | str, study: Study, count: int, workers: Workers | None, progress: Progress) -> None:
-    """Simulate the scenes up to `count` that are missing, and write each as it comes; here where nobody else works."""
+    """Simulate the missing scenes up to `count`, and write each when it is done; in this process without workers."""
     todo = [number for number in range(1, count + 1) if read_object(scene_path(out, number)) is None]
     started, total = time.monotonic(), len(todo)
     present = count - total
@@ -117,7 +117,7 @@ def carry_out(out: Path | str, study: Study, count: int, workers: Workers | None
 
 
 def _simulated(study: Study, todo: Sequence[int], workers: Workers | None) -> Iterator[dict[str, Any]]:
-    """Results of scenes as they come."""
+    """Yield results of scenes as they are finished."""
     from planner.study.runs import study_scene
 
     if workers is None:

@@ -21,7 +21,7 @@ METHOD_COLOURS = {SEARCH: MODEL_COLOUR, BASELINE: HELD_OUT_COLOUR, "ceiling": IN
 
 
 def share(value: Mapping[str, float | None] | float | None) -> str:
-    """A share in percent, with its standard error where it has one."""
+    """A share in percent, with its standard error if it has one."""
     mean, se = (value["mean"], value["se"]) if isinstance(value, Mapping) else (value, None)
     if mean is None:
         return "-"
@@ -63,7 +63,7 @@ def _draw_calibration(ax: Any, scenes: Sequence[Record], study: Record) -> None:
 
 
 def _draw_pots(ax: Any, scenes: Sequence[Record], study: Record) -> None:
-    """By scene, in the order of the first method's share."""
+    """Draw shares by scene, sorted by that of the first method."""
     first = next(iter(study["methods"]))
     ranked = sorted(scenes, key=lambda s: (observed(s, first)["made"], s["ceiling"]["made"], s["number"]))
     x = np.arange(1, len(ranked) + 1)
@@ -80,7 +80,7 @@ def _draw_pots(ax: Any, scenes: Sequence[Record], study: Record) -> None:
 
 
 def _draw_distances(ax: Any, scenes: Sequence[Record], study: Record, key: str, title: str) -> None:
-    """How many cue balls stop within a distance of the goal position."""
+    """Draw the share of cue balls that stop within a distance of the goal position."""
     most = 0.0
     for m in study["methods"]:
         found = [observed(s, m)[key] for s in scenes]
@@ -97,7 +97,7 @@ def _draw_distances(ax: Any, scenes: Sequence[Record], study: Record, key: str, 
 
 
 def _draw_scene(ax: Any, result: Record, study: Record) -> None:
-    """A scene from above with the planned tracks of the first method."""
+    """Draw a scene from above with the planned tracks of the first method."""
     from matplotlib.patches import Circle
 
     scene, method = result["scene"], next(iter(study["methods"]))

@@ -1,6 +1,6 @@
-"""Report of a study of plans: a table for the terminal, and Markdown with a picture beside it.
+"""Report of a study of plans: a table for the terminal, and Markdown with a picture.
 
-In: the figures of a study (planner/study/figures.py) and its settings. Out: text; the same for the same scenes.
+In: the figures of a study (planner/study/figures.py) and its settings. Out: text, the same for the same scenes.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def rows(study: Record) -> list[tuple[str, ...]]:
         out.append((f"  {name}", *(share(methods[m]["fouls"][name]) for m in columns), ""))
     line("cue ball from the goal position, median of all plays that potted", mm, "away_pooled")
     line("  median of the scenes' medians", mm, "away_medians")
-    line("  the same over all plays", mm, "away_all_medians")
-    line("  the same, as predicted", mm, "away_promised")
+    line("  likewise over all plays", mm, "away_all_medians")
+    line("  likewise, as predicted", mm, "away_promised")
     line("scenes without a stroke", str, "none")
     line("processor time to plan, median", s, "seconds_median")
     line("processor time to plan, 95 %", s, "seconds_95")
@@ -53,7 +53,7 @@ def rows(study: Record) -> list[tuple[str, ...]]:
         out.append(("scenes against the baseline", text, "", ""))
         out.append(("more potted than by the baseline", share(against["gain"]), "", ""))
         few = f"in {len(against['overlooked'])} of {study['scenes']} scenes"
-        out.append(("baseline's stroke of greater utility by our own figures", few, "", ""))
+        out.append(("baseline's stroke of greater utility by the search's own figures", few, "", ""))
     return out
 
 
@@ -69,10 +69,10 @@ def _grid(lines: Sequence[Sequence[str]]) -> str:
 
 
 def markdown(study: Record, settings: Record, out: str, picture: str) -> str:
-    """The report's text: of the figures of a study, its settings, its folder's and its picture's names."""
+    """The report's text, from a study's figures and settings, and the names of its folder and picture."""
     columns = list(study["methods"])
     parts = [
-        "# How well plans do",
+        "# Success of plans",
         _conditions(study, settings),
         f"![Calibration, pots by scene, distances, sample scenes]({picture})",
         "## Figures",
@@ -94,14 +94,14 @@ def markdown(study: Record, settings: Record, out: str, picture: str) -> str:
     parts += [_worst_grid(study["worst"]), f"To examine scene N: {export}."]
     if overlooked := study.get("against", {}).get("overlooked"):
         numbers = ", ".join(map(str, overlooked))
-        parts.append(f"Scenes for whose baseline stroke our own figures predict a greater utility: {numbers}.")
+        parts.append(f"Scenes in which our own figures predict a greater utility for the baseline's stroke: {numbers}.")
     if study["failed"]:
         parts += ["## Failed", "\n".join(f"* {number}: {text}" for number, text in study["failed"])]
     return "\n\n".join(parts) + "\n"
 
 
 def _conditions(study: Record, settings: Record) -> str:
-    """How the scenes were drawn and the strokes evaluated."""
+    """A paragraph on the drawing of scenes and the evaluation of strokes."""
     execution = settings["execution"]
     errors = (
         f"{100 * execution['speed_sd']:g} % of the speed, {1e3 * execution['azimuth_sd']:g} mrad of azimuth, "
@@ -145,7 +145,7 @@ def _worst_grid(worst: Sequence[Record]) -> str:
 
 
 def write_report(path: Path | str, scenes: Sequence[Record], settings: Record, out: Path | str) -> None:
-    """Write Markdown and, beside it, its pictures as PNG, each whole or not at all."""
+    """Write Markdown and its pictures as PNG next to it, each completely or not at all."""
     path = Path(path)
     picture, study = path.with_suffix(".png"), figures(scenes)
     write_whole(picture, draw_study([s for s in scenes if "error" not in s], study))

@@ -5,8 +5,8 @@ truth, planned strokes with their predicted and observed figures, and the ceilin
 
 Strokes are planned on the model and played on the truth in MuJoCo, with new execution errors. The ceiling is the best
 stroke of the same search if it knows the truth and has no goal position; it is chosen on one set of samples and
-evaluated on another, that of the planners, so that it is not biased by the choice. Leaves out errors that are
-correlated from shot to shot.
+evaluated on another, that of the planners, so that it is not biased by the choice. Left out: errors that are correlated
+from shot to shot.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from planner.study.draws import PLACE_DECIMALS, Stream, Study, draw_scene, draw_
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-study-scene/1"
-CEILING_SAMPLES = 64  # that the ceiling's strokes are ordered by, before they are evaluated anew
-TRACK_PERIOD_S = 0.04  # between the points of a track
+CEILING_SAMPLES = 64  # samples that order the ceiling's strokes, before their final evaluation
+TRACK_PERIOD_S = 0.04  # time between points of a track
 
 
 def study_scene(study: Study, number: int) -> dict[str, Any]:
-    """Draw, plan and evaluate one scene; an unexpected exception becomes its "error", and it does not count."""
+    """Draw, plan and evaluate one scene; an unexpected exception becomes its "error", and the scene does not count."""
     began = time.perf_counter()
     result: dict[str, Any] = {"format": FORMAT, "number": number}
     try:
@@ -99,7 +99,7 @@ class _SceneStudy:
         """The entries of the scene's file."""
         seconds, methods, strokes = {}, {}, []
         for method in self.study.methods:
-            began = time.process_time()  # the clock would count what else the cores do, such as other scenes
+            began = time.process_time()  # wall-clock time would include other work of the cores
             q = PLANNERS[method](self.study, self.player, self._seed(Stream.PLAN))
             seconds[method] = time.process_time() - began
             methods[method] = self._stroke_entries(q)
@@ -108,12 +108,12 @@ class _SceneStudy:
         return {"truth": self.drawn, "methods": methods, "ceiling": self._ceiling(strokes), "seconds": seconds}
 
     def _stroke_entries(self, q: Array | None) -> dict[str, Any]:
-        """What was predicted of a stroke (4,) and what was observed on the truth; no stroke pots nothing."""
+        """Predicted figures of a stroke (4,), and those observed on the truth; None pots nothing."""
         if q is None:
             none = {"potted": 0.0, "made": 0.0, "foul": 0.0, "fouls": dict.fromkeys(FOULS, 0.0), "away": []}
             return {"stroke": None, "predicted": None, "seen": none | {"median": None, "median_all": None}}
         study, player = self.study, self.player
-        # The samples by which the search ordered its finalists: they give the figures of a plan file.
+        # The samples that ordered the search's finalists, as for the figures of a plan file.
         fresh = self._draw(player.model, study.effort.fresh, self._seed(Stream.PLAN) + 1)
         predicted = evaluate(player, fresh, q[None], study.weights, mujoco=True)[0]
         tracks = moving(player.tracks(q[None], every=TRACK_PERIOD_S)[0])
@@ -138,7 +138,7 @@ class _SceneStudy:
         }  # fmt: skip
 
     def _ceiling(self, strokes: list[tuple[str, Array]]) -> dict[str, Any]:
-        """The best pot that the truth allows: of a search that knows it and of the planned strokes (4,)."""
+        """The best pot on the truth, among a search that knows it and the planned strokes (4,)."""
         study, truth, seed = self.study, self.truth, self._seed(Stream.CEILING)
         effort = dataclasses.replace(study.effort, fresh=min(study.effort.fresh, CEILING_SAMPLES))
         pot_alone = UtilityWeights(rest=0.0, foul=0.0)

@@ -1,4 +1,4 @@
-"""How far the launcher's stand must still be turned, shown live from a camera's pictures of the cue.
+"""Alignment of the launcher's stand: the remaining turn, shown live from a camera's pictures of the cue.
 
 In: pictures from above, their camera, the wanted azimuth. Out: instructions to the operator, and the last `CueLine`.
 The stand is turned by hand, watched by the camera over the table (Robotic Billiards 2015, section V). The cue is
@@ -27,13 +27,13 @@ REPORT_STEP_DEG = 0.02  # change of the remaining turn that is reported anew
 
 @dataclass(frozen=True)
 class Turn:
-    """How far the stand must still be turned."""
+    """The remaining turn of the stand."""
 
     degrees: float  # 0 or more
-    side: str  # "left" (anticlockwise from above), "right", or "" where it is aligned
+    side: str  # "left" (anticlockwise from above), "right", or "" if it is aligned
 
     def __str__(self) -> str:
-        """For the operator."""
+        """The instruction to the operator."""
         if not self.side:
             return f"aligned ({self.degrees:.2f} degrees off)"
         sense = "anticlockwise" if self.side == "left" else "clockwise"
@@ -41,7 +41,7 @@ class Turn:
 
 
 def turn_for(line: CueLine, wanted: float, tolerance: float = ALIGNED_TOLERANCE) -> Turn:
-    """How the stand must be turned to a wanted azimuth; wanted and tolerance in [rad]."""
+    """The turn to a wanted azimuth; wanted and tolerance in [rad]."""
     off = math.remainder(wanted - line.azimuth, 2 * math.pi)
     side = "" if abs(off) <= tolerance else "left" if off > 0 else "right"
     return Turn(abs(math.degrees(off)), side)
@@ -51,19 +51,19 @@ def align(
     frames: Iterable[Picture], camera: Camera, wanted: float, ball_xy: Array | None = None, *,
     elevation: float = CUE_ELEVATION, tolerance: float = ALIGNED_TOLERANCE, say: Callable[[str], None] = print,
 ) -> CueLine:  # fmt: skip
-    """Show how to turn the stand, picture by picture, until ALIGNED_PICTURES in succession are aligned or no more come.
+    """Show how to turn the stand, until ALIGNED_PICTURES successive pictures are aligned or no more come.
 
     Args:
         frames: pictures as they come.
-        camera: that takes them.
+        camera: of the pictures.
         wanted: azimuth of the plan [rad].
-        ball_xy: (2,) of the ball that will be struck [m]; None: the cue ball is found in the first picture.
+        ball_xy: (2,) of the ball to be struck [m]; None to find the cue ball in the first picture.
         elevation: of the butt [rad].
         tolerance: of the azimuth [rad].
-        say: called with what to do, when it changes.
+        say: called with an instruction when it changes.
 
     Returns:
-        The last line, averaged over the pictures since it was turned last; `turn_for` says whether it is aligned.
+        The last line, averaged over the pictures since the last turn; `turn_for` returns whether it is aligned.
 
     Raises:
         BadInput: there was no picture, no cue ball, or no cue in any of them.
@@ -94,14 +94,14 @@ def align(
         if aligned == ALIGNED_PICTURES:
             return last
     if last is None:
-        raise BadInput(shown or "no picture came from the camera; check that it films")
+        raise BadInput(shown or "no picture came from the camera; check that it is filming")
     return last
 
 
 def _next(
     picture: Picture, camera: Camera, ball_xy: Array, elevation: float, recent: Sequence[CueLine]
 ) -> CueLine:  # fmt: skip
-    """The cue about where it was, or anywhere."""
+    """The cue near its previous direction, or else in any direction."""
     if recent:
         with contextlib.suppress(BadInput):
             return cue_direction(picture, camera, ball_xy, elevation, recent[-1].azimuth)
@@ -109,7 +109,7 @@ def _next(
 
 
 def _averaged(lines: Sequence[CueLine]) -> CueLine:
-    """The mean of lines that agree; pictures of a cue at rest err alike, so its sd does not shrink."""
+    """The mean of lines that agree; pictures of a cue at rest share their error, so its sd is not reduced."""
     late = lines[-1]
     off = np.array([math.remainder(one.azimuth - late.azimuth, 2 * math.pi) for one in lines])
     sd = math.sqrt(float(np.mean([one.azimuth_sd**2 for one in lines])))
@@ -118,12 +118,12 @@ def _averaged(lines: Sequence[CueLine]) -> CueLine:
 
 
 def _cue_ball(picture: Picture, camera: Camera) -> Array:
-    """Where the cue ball is seen: (2,) [m]."""
+    """Position of the cue ball: (2,) [m]."""
     from planner.from_picture import CUE_BALL_NAMES
     from robot.camera.live import balls_in
 
     found = balls_in([picture], camera)
     name = next((name for name in CUE_BALL_NAMES if name in found.names), None)
     if name is None:
-        raise BadInput(f"no white ball among {', '.join(found.names)}; give its place")
+        raise BadInput(f"no white ball among {', '.join(found.names)}; give its position")
     return found.position[found.names.index(name)]

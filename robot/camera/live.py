@@ -1,7 +1,7 @@
 """A real camera over the table: a `robot.play.ShotCamera` from a device, an address or a file, and a camera file.
 
-In: pictures and the camera's calibration. Out: where the resting balls lie, and the balls' paths of a filmed shot.
-`arm` before the stroke starts to record (robot/camera/recorder.py); `film` after it waits until the bed is still, or
+In: pictures and the camera's calibration. Out: positions of resting balls, and the balls' paths of a filmed shot.
+`arm` before the stroke starts recording (robot/camera/recorder.py); `film` after it waits until the bed is still, or
 the time is up, and tracks the balls (sysid/vision/tracks/track.py): t = 0 is the first picture after the hit.
 """
 
@@ -39,26 +39,26 @@ from sysid.vision import (
     write_camera,
 )
 
-LOOK_PICTURES = 8  # averaged to find the resting balls
-PLACE_ERROR_PX = 0.1  # sd of a place, unless it is given
-MAX_ROLL_S = 60.0  # after `film` is called, until which balls may roll
-MAX_MATCH_RADII = 2.0  # between a tracked ball and the ball seen before the stroke
+LOOK_PICTURES = 8  # number of pictures averaged to find the resting balls
+PLACE_ERROR_PX = 0.1  # default sd of a position
+MAX_ROLL_S = 60.0  # longest time that balls may roll after `film` is called
+MAX_MATCH_RADII = 2.0  # largest distance between a tracked ball and the ball seen before the stroke
 
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What may be set of a live camera."""
+    """Options of a live camera."""
 
-    fps: float | None = None  # pictures a second [1/s]; None: as the source reports
+    fps: float | None = None  # frame rate [1/s]; None: as the source reports
     palette_path: Path | str | None = None  # names and colours of the balls; None: those of snooker
     mass: float | None = None  # of a ball [kg]; None: that of a snooker ball of its size
-    sigma: float | None = None  # of a place, each axis [m]; None: PLACE_ERROR_PX
-    max_roll_s: float = MAX_ROLL_S  # after `film` is called, until which balls may roll
-    accept_doubts: bool = False  # open a camera whose calibration is not to be trusted
+    sigma: float | None = None  # sd of a position, each axis [m]; None: PLACE_ERROR_PX
+    max_roll_s: float = MAX_ROLL_S  # longest time that balls may roll after `film` is called
+    accept_doubts: bool = False  # open a camera with a doubtful calibration
 
 
 class LiveCamera:
-    """A camera that finds resting balls and films shots; use it as a context, or close it."""
+    """A camera that finds resting balls and films shots; use it as a context manager, or close it."""
 
     def __init__(
         self,
@@ -73,20 +73,20 @@ class LiveCamera:
         Args:
             source: of pictures.
             camera: its calibration.
-            folder: for the recordings film-0001.mkv and so on, with their frame times beside them.
-            options: rate, balls and limits, where they differ from the defaults.
+            folder: for the recordings film-0001.mkv and so on, with files of their frame times.
+            options: rate, balls and limits that differ from the defaults.
             say: called with warnings.
         """
         options = options or CameraOptions()
         rate = float(options.fps if options.fps is not None else source.fps)
         if not 0 < rate < math.inf:
-            raise BadInput(f"the camera's rate is {rate:g}/s; give the pictures it takes in a second")
+            raise BadInput(f"the camera's rate is {rate:g}/s; give its frame rate")
         self.table: Table = camera.table
         self.ball: Ball = ball_of(camera, options.mass if options.mass is not None else usual_mass(camera.diameter)[0])
         self.fps = rate
         self.sigma = options.sigma if options.sigma is not None else round(PLACE_ERROR_PX * camera.pixel, 5)
         self.warnings: tuple[str, ...] = ()  # of the last look or film
-        self.filmed: FilmedFrames | None = None  # what the last film is of
+        self.filmed: FilmedFrames | None = None  # frames of the last film
         self.doubts = camera.doubts
         self._source, self.seen_with, self._folder = source, camera, Path(folder)
         self._options, self._say = options, say
@@ -97,9 +97,9 @@ class LiveCamera:
     def open(
         name: int | str, camera_path: Path | str, folder: Path | str, options: CameraOptions | None = None
     ) -> LiveCamera:
-        """A device's number, an address or a file, with its camera file; the rest as above.
+        """Open a device by number, an address or a file, with its camera file; other arguments as above.
 
-        BadInput for a camera that is not to be trusted, as a robot goes by it, unless the options accept that.
+        BadInput for a camera with a doubtful calibration, since a robot relies on it, unless the options accept that.
         """
         camera = read_camera(camera_path)
         heed_doubts(camera_path, camera.doubts, options is not None and options.accept_doubts)
@@ -119,18 +119,18 @@ class LiveCamera:
         self._source.close()
 
     def _abandon_film(self) -> None:
-        """End a recording whose film was not requested."""
+        """Discard a recording whose film was not requested."""
         recording, self._film = self._film, None
         if recording is not None:
             recording.stop()
 
     def pictures(self) -> Iterator[Picture]:
-        """The present picture, again and again, until there are no more; nothing while a shot is recorded."""
+        """Yield the current picture repeatedly, until there are no more; yields none while a shot is recorded."""
         while self._film is None and (got := self._source.newest()) is not None:
             yield checked(got[1], self.seen_with)
 
     def look(self) -> Mapping[str, Array]:
-        """Where the resting balls are seen, by name: (2,) [m]; named as planner/from_picture.py does."""
+        """Positions of the resting balls by name, (2,) [m], named as in planner/from_picture.py."""
         if not (seen := list(islice(self.pictures(), LOOK_PICTURES))):
             raise BadInput(NO_PICTURE)
         found = balls_in(seen, self.seen_with, self._options.palette_path, self.ball.mass)
@@ -139,18 +139,18 @@ class LiveCamera:
         return dict(self._seen)
 
     def arm(self) -> None:
-        """Begin to record; to be called just before a stroke."""
+        """Start recording; to be called just before a stroke."""
         self._abandon_film()
         self.filmed = None
-        with contextlib.suppress(OSError):  # a folder that cannot be written is reported by the recorder
+        with contextlib.suppress(OSError):  # the recorder reports a folder that cannot be written
             self._folder.mkdir(parents=True, exist_ok=True)
         films = (self._folder / f"film-{k:04d}.mkv" for k in count(1))
         self._film = FilmRecorder(self._source, self.seen_with, next(f for f in films if not f.exists()), self.fps)
 
     def film(self) -> Mapping[str, Observation]:
-        """Wait until the balls rest, and return where they were.
+        """Wait until the balls rest, and return their tracks.
 
-        Empty where `arm` was not called, or no shot is seen. Faults are warnings, not errors: the stroke has been made.
+        Empty if `arm` was not called, or no shot was found. Faults are warnings, not errors: the stroke has been made.
         """
         if self._film is None:
             return {}

@@ -1,13 +1,13 @@
-"""A film recorded from a live camera, in the background and without loss, until the bed is still.
+"""Recording of a live camera in the background, without loss, until the bed is still.
 
 In: a source of stamped pictures and the camera's calibration. Out: a video with its frame times, and `Footage`.
 
-A picture belongs to the frame that its stamp s_k says. With unknown delays and a period T,
+A picture's frame number follows from its stamp s_k. With unknown delays and a period T,
 
     n_k = min(round((s_k - s_0) / T), n_(k+1) - 1),
 
-from the last to the first, so that a late stamp pushes none after it. Missing frames are left as gaps in time and
-reported. Leaves out cameras faster than the disk and the encoder: they lose frames, which is reported too.
+from the last to the first, so that a late stamp does not shift those after it. Missing frames remain as gaps in time
+and are reported. Left out: cameras faster than the disk and the encoder lose frames, which is reported as well.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from robot.camera.source import Source
 from sysid.vision import Camera, Footage, Picture, lossless_writer, stamped_footage
 
 MAX_RECORDING_S = 300.0
-BUFFER_PICTURES = 64  # that may wait to be written
-HANG_S = 5.0  # without a picture, after which a camera hangs
-REST_S, COMPARED_S = 1.0, 0.4  # for which the bed must be still; between pictures that are compared
-DOWNSCALE, MOTION_GREY_LEVELS = 4, 12.0  # pixels averaged to see motion; change that is motion
+BUFFER_PICTURES = 64  # most pictures waiting to be written
+HANG_S = 5.0  # time without a picture after which a camera counts as hung
+REST_S, COMPARED_S = 1.0, 0.4  # time for which the bed must be still; time between compared pictures
+DOWNSCALE, MOTION_GREY_LEVELS = 4, 12.0  # pixels averaged to detect motion; change that counts as motion
 RATE_TOLERANCE = 0.05  # relative difference of a camera's frame rate from the given one
-NO_PICTURE = "no picture came from the camera; check that it films, and is not recording already"
+NO_PICTURE = "no picture came from the camera; check that it is filming, and not already recording"
 
 
 class FilmRecorder:
-    """Pictures recorded to a file: one thread reads and one writes, so that a slow moment of the disk loses none."""
+    """A recording to a file: one thread reads and one writes, so that a slow disk loses no pictures."""
 
     def __init__(self, source: Source, camera: Camera, path: Path, fps: float) -> None:
-        """Begin to record."""
+        """Start recording."""
         self.path, self.warnings = path, list[str]()
         self._source, self._camera, self._fps = source, camera, fps
         self._stamps: list[float] = []
@@ -53,11 +53,11 @@ class FilmRecorder:
             thread.start()
 
     def finish(self, limit: float) -> None:
-        """Wait until the bed is still, for a time at most [s]; BadInput where nothing was recorded."""
+        """Wait until the bed is still, or a time limit [s]; BadInput if nothing was recorded."""
         self._asked.set()
         self._threads[0].join(limit)
         if self._threads[0].is_alive():
-            self.warnings.append(f"something still moved on the table after {limit:g} s: the film ends there")
+            self.warnings.append(f"something was still moving on the table after {limit:g} s: the film ends there")
         self.stop()
         if self._error or not self._stamps:
             raise BadInput(self._error or NO_PICTURE)
@@ -67,7 +67,7 @@ class FilmRecorder:
         self._ended.set()
         self._threads[0].join(HANG_S)
         if self._threads[0].is_alive():
-            self._error = f"the camera has given no picture for {HANG_S:g} s; unplug it and start again"
+            self._error = f"the camera gave no picture for {HANG_S:g} s; unplug it and start again"
             self._waiting.put(None)
         self._threads[1].join()
         self._writer.release()
@@ -102,7 +102,7 @@ class FilmRecorder:
             self._waiting.put(None)
 
     def _write(self) -> None:
-        while (picture := self._waiting.get()) is not None:  # all, or the reading thread would wait for room
+        while (picture := self._waiting.get()) is not None:  # read on, or the reading thread would block
             try:
                 self._writer.write(picture)
             except cv2.error as error:
@@ -110,7 +110,7 @@ class FilmRecorder:
 
 
 class _Still:
-    """How long nothing has moved on the bed."""
+    """Measures how long the bed has been still."""
 
     def __init__(self, camera: Camera) -> None:
         x, y = camera.table.length / 2, camera.table.width / 2
@@ -123,7 +123,7 @@ class _Still:
         self._moved = math.nan
 
     def since(self, stamp: float, picture: Picture) -> float:
-        """How long the bed has been still, with a picture taken at a time [s]."""
+        """Add a picture taken at a time; returns how long the bed has been still [s]."""
         small = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA).mean(axis=2, dtype=np.float32)
         self._moved = stamp if math.isnan(self._moved) else self._moved
         self._recent.append((stamp, small))
@@ -135,7 +135,7 @@ class _Still:
 
 
 def frame_numbers(stamps: Array, period: float) -> tuple[NDArray[np.int64], float]:
-    """Frame numbers (n,) of pictures with stamps (n,) [s], from 0; and the period that fits them [s]."""
+    """Frame numbers from 0 of pictures with stamps (n,) [s], and the fitted period [s]."""
     if len(stamps) < 2:
         return np.zeros(len(stamps), np.int64), period
     usual = float(np.median(np.diff(stamps)))
@@ -149,7 +149,7 @@ def frame_numbers(stamps: Array, period: float) -> tuple[NDArray[np.int64], floa
 
 
 def checked(picture: Picture, camera: Camera) -> Picture:
-    """The picture, if it is of the camera's size."""
+    """The picture; BadInput if it has not the camera's size."""
     (h, w), (width, height) = picture.shape[:2], camera.size
     if (w, h) != (width, height):
         raise BadInput(

@@ -8,15 +8,15 @@ from sysid.vision import Picture
 
 
 class Source(Protocol):
-    """Where pictures come from."""
+    """A source of stamped pictures."""
 
-    fps: float  # [1/s]; 0 or NaN where it is not known
+    fps: float  # [1/s]; 0 or NaN if unknown
 
     def read(self) -> tuple[float, Picture] | None:
-        """When the next picture was taken [s], and the picture; None where there are no more."""
+        """The next picture and its time [s]; None if there are no more."""
 
     def newest(self) -> tuple[float, Picture] | None:
-        """The same for the present picture; buffered pictures are skipped."""
+        """The current picture and its time [s]; buffered pictures are skipped."""
 
     def close(self) -> None:
         """Release it."""

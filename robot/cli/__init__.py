@@ -9,7 +9,7 @@ __all__ = ["main"]
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run a verb (robot/cli/verbs.py); a stop has its first byte written before anything else."""
+    """Run a verb (robot/cli/verbs.py); for a stop the first byte is written before anything else."""
     begin_stop(sys.argv[1:] if words is None else words)
     from robot.cli.verbs import main as run_verb
 

@@ -1,4 +1,4 @@
-"""What the verbs of the `robot` command share: the launcher at its port, the camera, the question before a stroke."""
+"""Shared by the `robot` verbs: the launcher at its port, the camera, the confirmation before a stroke."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ if TYPE_CHECKING:
 
 settings_option = input_option("settings", "L.toml", "Launcher's file; by default the published launcher's values.")
 yes_option = click.option("--yes", is_flag=True, help="Strike without asking; check first that the table is clear.")
-ARMED_S = 5.0  # for which an arming holds (robot/emulator/firmware.py, and the protocol)
+ARMED_S = 5.0  # duration of an arming (robot/emulator/firmware.py, and the protocol)
 VIDEO_HELP = "Camera by its number or address, or a film in its place."
 
 
 @dataclass(frozen=True)
 class Wire:
-    """The line to a launcher."""
+    """Options of the connection to a launcher."""
 
     port: str | None = given("--port", "P", "Port of the launcher, such as /dev/ttyUSB0; without it an emulated one.")
     settings_file: Path | None = given(settings_option)
     log: Path | None = given("--log", "LOG.jsonl", "Append every exchange with the launcher, a line each.", FILE_PATH)
 
     def settings(self) -> Settings:
-        """The launcher's file, or the defaults; --port replaces the port that it names."""
+        """The launcher's settings, from a file or defaults; --port overrides the port."""
         from robot.device.settings import Settings, read_settings
 
         settings = read_settings(self.settings_file) if self.settings_file else Settings()
         return replace(settings, port=replace(settings.port, device=self.port)) if self.port else settings
 
     def link(self, settings: Settings) -> Link:
-        """The line, not yet opened."""
+        """The link, not yet opened."""
         from robot.device.link import Link
         from robot.device.port import serial_opener
 
         return Link(serial_opener(settings.port), settings.timing, baud=settings.port.baud, log=self.log)
 
     def launcher(self, settings: Settings) -> Launcher:
-        """The launcher at the port, not yet connected; BadInput for one that reports nothing."""
+        """The launcher at the port, not yet connected; BadInput for one that sends no reports."""
         from robot.device.launcher import Launcher
         from robot.device.protocol import PAPER
 
         if settings.port.protocol == PAPER:
             raise BadInput(
-                f"{self.settings_file}: protocol = \"{PAPER}\": this launcher takes 'NNNp' alone and reports nothing; "
+                f"{self.settings_file}: protocol = \"{PAPER}\": this launcher accepts only 'NNNp' and reports nothing; "
                 "only robot play works with it"
             )
         return Launcher(settings, self.link(settings))
 
     def striker(self, settings: Settings, *, yes: bool) -> Launcher:
-        """The launcher at the port, also one that only strikes: a person places its tip, and must be asked."""
+        """The launcher at the port, even one that only strikes: then a person places its tip, and must be asked."""
         from robot.device.paper import PaperLauncher
         from robot.device.port import serial_opener
         from robot.device.protocol import PAPER
@@ -67,66 +67,66 @@ class Wire:
         if settings.port.protocol != PAPER:
             return self.launcher(settings)
         if yes:
-            raise BadInput("--yes: the tip of this launcher is placed by hand before each stroke; leave --yes out")
+            raise BadInput("--yes: the tip of this launcher is placed by hand before each stroke; omit --yes")
         return PaperLauncher(settings, serial_opener(settings.port), log=self.log)
 
     def refuse(self, *names: str) -> None:
-        """BadInput for options of the line that nothing emulated uses."""
+        """Raise BadInput for connection options that the emulator does not use."""
         for name in names:
             if getattr(self, name):
                 option = name.removesuffix("_file")
-                raise BadInput(f"--{option} belongs to a launcher at a --port; leave it out, or name the port")
+                raise BadInput(f"--{option} requires a launcher at a --port; omit it, or name the port")
 
     def print_needs(self, *needs: str, asks: str = "before every stroke", yes: bool = False) -> None:
-        """Say what the verb needs at the port, before anybody is asked and anything moves; `asks`: when for a yes."""
+        """Print the verb's needs at the port before any question or motion; `asks` says when a yes is required."""
         answer = "none, as --yes was given" if yes else "a yes in full"
-        lines = [f"the launcher at {self.port}, its power on, the way of cue and stage clear: it homes where it must"]
+        lines = [f"the launcher at {self.port}, powered on, cue and stage free to move: it homes if necessary"]
         lines += [*needs, *[f"{asks} {answer}; each stroke then arms the launcher for {ARMED_S:g} s"] * bool(asks)]
         print("\n".join(["needed:", *(f"  - {line}" for line in lines), "an interrupt (Ctrl-C) stops the launcher"]))
 
 
 @dataclass(frozen=True)
 class RequiredWire(Wire):
-    """The line of a verb that needs a launcher."""
+    """Connection options of a verb that needs a launcher."""
 
     port: str = given("--port", "P", "Port of the launcher, such as /dev/ttyUSB0.", required=True)
 
 
 @dataclass(frozen=True)
 class Filming:
-    """A real camera over the table, or none."""
+    """Options of a real camera over the table, if any."""
 
     camera_file: Path | None = given(camera_option())
     video: str | None = given("--video", "SOURCE", VIDEO_HELP)
-    fps: float | None = given("--fps", "F", "Pictures per second; by default what the camera reports.", float)
+    fps: float | None = given("--fps", "F", "Frame rate [1/s]; by default as the camera reports.", float)
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
     accept_camera: bool = given(accept_camera_option, default=False)
 
     def is_given(self) -> bool:
-        """Whether a camera was named; BadInput for half of one."""
+        """Whether a camera was named; BadInput if only one of its options was given."""
         if bool(self.camera_file) != bool(self.video):
             raise BadInput("--camera CAM.toml and --video SOURCE go together; give both, or neither")
         return bool(self.camera_file)
 
     def require(self, what: str) -> None:
-        """BadInput where a launcher at a port has no camera."""
+        """Raise BadInput if a launcher at a port has no camera."""
         if not self.is_given():
             raise BadInput(f"--port: {what} needs a camera; give --camera CAM.toml and --video SOURCE")
 
     @property
     def need(self) -> str:
-        """What the camera asks for, for a list of needs."""
-        return f"camera {self.video} where it stood for {self.camera_file}, all of the table and the cue in its picture"
+        """The camera's entry in a list of needs."""
+        return f"camera {self.video} in the position of {self.camera_file}, with the whole table and the cue in view"
 
     def refuse(self) -> None:
-        """BadInput for a camera without a launcher at a port."""
+        """Raise BadInput for a camera without a launcher at a port."""
         for name, value in (("camera", self.camera_file), ("video", self.video)):
             if value:
-                raise BadInput(f"--{name} belongs to a launcher at a --port; the emulated one has a camera of its own")
+                raise BadInput(f"--{name} requires a launcher at a --port; the emulated one has its own camera")
 
     def open(self, folder: Path) -> LiveCamera:
-        """The camera; its recordings go into a folder."""
+        """The camera, which records into a folder."""
         from robot.camera.live import CameraOptions, LiveCamera
 
         if self.camera_file is None or self.video is None:
@@ -137,14 +137,14 @@ class Filming:
 
 @dataclass(frozen=True)
 class RequiredFilming(Filming):
-    """The camera of a verb that needs one."""
+    """Options of the camera of a verb that needs one."""
 
     camera_file: Path = given(camera_option(required=True))
     video: str = given("--video", "SOURCE", VIDEO_HELP, required=True)
 
 
 def set_up(request: str) -> bool:
-    """Ask at the terminal for something to be set up; False for q, or nobody there."""
+    """Ask at the terminal for a preparation; False for q, or without a terminal."""
     print(request, flush=True)
     try:
         return input("then press return (q ends here): ").strip().lower() != "q"
@@ -153,7 +153,7 @@ def set_up(request: str) -> bool:
 
 
 def confirmed(action: str, remedy: str) -> bool:
-    """Ask at the terminal before a stroke; anything but yes, or nobody there, is a no."""
+    """Ask at the terminal before a stroke; True only for the answer yes."""
     print(f"about to strike: {action}")
     try:
         return input(f"{remedy}, keep clear, then type yes: ").strip().lower() == "yes"

@@ -1,9 +1,9 @@
-"""The first byte of `robot stop`, written before all other imports, which take longer than everything else it does.
+"""The first byte of `robot stop`, written before all other imports, which take longer than the stop itself.
 
-In: the words of the command line. Out: a stop byte at the port that `--port` names, where it is a terminal; and the
-question to its holder, who would otherwise have ended before it is asked. The byte acts on a launcher whose port
-another program holds, and so has set its speed; what follows (robot/device/past_lock.py) sets it, repeats the byte,
-and has it confirmed.
+In: the words of the command line. Out: a stop byte at the port that `--port` names, if that is a terminal; and the
+question to its holder, which might otherwise have ended before it is asked. The byte works if another program holds
+the port and has set its speed; what follows (robot/device/past_lock.py) sets the speed, repeats the byte, and waits for
+the confirmation.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from robot.device.relay import Asked
 
-OPTION, STOP_BYTE = "--port", b"!"  # as robot/device/protocol.py has it, which is not imported for one byte
-asked: dict[str, Asked] = {}  # holders, by the port that was named
+OPTION, STOP_BYTE = "--port", b"!"  # as in robot/device/protocol.py, which is not imported for one byte
+asked: dict[str, Asked] = {}  # questions to holders, by the port as named
 
 
 def begin_stop(words: Sequence[str]) -> None:
-    """Where the words are those of a stop; nothing that fails here matters."""
+    """Send the byte if the words are those of a stop; failures here are harmless."""
     if not words or words[0] != "stop":
         return
     for word, following in zip(words, [*words[1:], ""], strict=True):

@@ -1,8 +1,8 @@
-"""`robot learn`: the closed loop, at a table or on the emulator, and there its distance from the truth.
+"""`robot learn`: the closed loop, at a table or on the emulator, where it is compared with the truth.
 
-What the emulator hides is drawn from the seed and stays in this process: DIR/emulated.json holds only a fingerprint of
-it, by which a series continues with the same table and launcher or not at all; DIR/hidden.toml and DIR/hidden_cue.json
-are written when the series has ended. Report and recording are made from the folder alone, every time anew.
+The emulator's hidden constants are drawn from the seed and stay in this process: DIR/emulated.json holds only a
+fingerprint, so that a series continues with the same table and launcher or not at all; DIR/hidden.toml and
+DIR/hidden_cue.json are written when the series has ended. Report and recording are always made from the folder alone.
 """
 
 from __future__ import annotations
@@ -43,29 +43,27 @@ if TYPE_CHECKING:
     from robot.learning.loop import LearningConfig
 
 CUE_FORMAT, EMULATED_FORMAT = "billiard-hidden-cue/1", "billiard-emulated/1"
-HIDDEN_STREAM = 7  # beside the seed: its random numbers are not the scenes'
+HIDDEN_STREAM = 7  # stream of random numbers, separate from that of the scenes
 
 
 @dataclass(frozen=True)
 class Series:
-    """A series of shots: what it begins with, and how long it is."""
+    """Options of a series of shots: its start and its length."""
 
-    out: Path = given("--out", "DIR", "Folder of the series; an old one continues.", FILE_PATH, required=True)
-    model_file: Path | None = given(input_option("model", "START.toml", "Model to begin with; by default the base."))
-    map_file: Path | None = given(
-        input_option("map", "MAP.toml", "Cueing map to begin with; by default the usual constants.")
-    )
-    shots: int = given("--shots", "N", "Shots at most.", int, 60)
+    out: Path = given("--out", "DIR", "Folder of the series; an existing one is continued.", FILE_PATH, required=True)
+    model_file: Path | None = given(input_option("model", "START.toml", "Start model; by default the base."))
+    map_file: Path | None = given(input_option("map", "MAP.toml", "Start cueing map; by default the usual constants."))
+    shots: int = given("--shots", "N", "Largest number of shots.", int, 60)
     every: int = given("--every", "N", "Shots between refits.", int, 10)
     chosen: int = given(
-        "--chosen", "N", "Shots after each refit, at most, that are chosen to tell which model is right.", int, 3
+        "--chosen", "N", "Largest number of shots after each refit that are chosen to separate models.", int, 3
     )
     balls: int = given("--balls", "N", "Balls in each scene, 2 to 8.", int, 2)
     seed: int = given("--seed", "N", "Seed of the random numbers.", NON_NEGATIVE, 0)
-    all_shots: bool = given("--all", "", "Play all shots, even if nothing improves any more.", bool, False)
+    all_shots: bool = given("--all", "", "Play all shots, even without further improvement.", bool, False)
 
     def course(self, table: Table, ball: Ball) -> LearningConfig:
-        """The configuration of the loop; without a model file the base on this table."""
+        """The configuration of the loop; without a model file it starts from the base on this table."""
         from models.model_file import full_model, read_model
         from planner.launcher.cueing_map import read_map
         from planner.launcher.mapped import usual_map, with_map
@@ -75,9 +73,9 @@ class Series:
 
         model = read_model(self.model_file) if self.model_file else full_model(table, ball)
         if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in model.stack()}):
-            raise BadInput(f"{self.model_file}: lacks {', '.join(lacking)}; give a model that starts from the base")
+            raise BadInput(f"{self.model_file}: lacks {', '.join(lacking)}; give a model based on the base")
         cueing_map = read_map(self.map_file) if self.map_file else usual_map(model.ball)
-        with_map(LauncherModel(), cueing_map, model.ball)  # of these balls, or refused before anything is played
+        with_map(LauncherModel(), cueing_map, model.ball)  # raises BadInput for other balls, before anything is played
         course = LearningConfig(
             model, cueing_map, self.shots, self.every, self.seed, self.balls, self.chosen, stops=not self.all_shots
         )
@@ -87,24 +85,24 @@ class Series:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the emulated table and launcher really are."""
+    """Options of the true emulated table and launcher."""
 
     hidden: Path | None = given(
         "--hidden", "TABLE.toml", "Model of the emulated table; by default drawn from the seed.", FILE_PATH
     )
-    effect: str | None = given("--effect", "NAME", "Effect of the table that is drawn; by default drawn too.")
+    effect: str | None = given("--effect", "NAME", "Effect of the drawn table; by default drawn as well.")
     repeats: int = given(
         "--repeats", "N", "Repeats of every stroke, for the scatter of the launcher alone.", Number(0, whole=True), 20
     )
 
     def refuse(self) -> None:
-        """BadInput where a real table is played on."""
+        """Raise BadInput if a real table is used."""
         for name, value in (("hidden", self.hidden), ("effect", self.effect)):
             if value:
-                raise BadInput(f"--{name} belongs to the emulated table; leave it out, or leave --port out")
+                raise BadInput(f"--{name} applies to the emulated table; omit it, or omit --port")
 
     def stand(self, course: LearningConfig) -> EmulatedRig:
-        """The emulated stand with its hidden constants."""
+        """The emulated rig with its hidden constants."""
         import numpy as np
 
         from models.model_file import read_model
@@ -118,13 +116,13 @@ class Truth:
         if self.hidden:
             hidden = read_model(self.hidden)
             if (hidden.table, hidden.ball) != (start.table, start.ball):
-                raise BadInput(f"{self.hidden}: its table or ball is not the first model's; name a model of the same")
+                raise BadInput(f"{self.hidden}: its table or ball differs from the first model's; name another")
         else:
             hidden = draw_hidden_table(start, rng, self.effect)
         played = EmulatedTable(hidden, {"white": (0.0, 0.0)}, 0.0).model  # BadInput for a model without the base
         if self.effect and self.effect not in {e.name() for e in played.effects}:
             raise BadInput(
-                f"--effect {self.effect}: changes no shot on the emulated table; choose one that moves balls"
+                f"--effect {self.effect}: changes no shot on the emulated table; choose one that affects motion"
             )
         settings = Settings()
         stage = dataclasses.replace(settings.stage, ball_radius_mm=1e3 * start.ball.radius)
@@ -148,7 +146,7 @@ def learn(
     """Learn from shots: plan, play, film, refit table and launcher.
 
     Writes every shot and refit into DIR, with a report and a recording; after an interrupt the same command continues
-    there. Without --port it plays on the emulated launcher and table, and prints the true constants in the end. With
+    there. Without --port it plays on the emulated launcher and table, and prints the true constants at the end. With
     --live each shot is shown as planned and as played.
 
     Example: robot learn --out out/series --shots 40
@@ -176,7 +174,7 @@ def learn(
                 course = series.course(camera.table, camera.ball)
                 wire.print_needs(
                     filming.need,
-                    "somebody who puts the balls of each shot where they are asked for, and turns the stand",
+                    "a person who places the balls of each shot as requested, and turns the stand",
                     yes=yes,
                 )
                 story = play_series(folder, course, _at_the_table(wire, camera, yes, say), say, progress,
@@ -187,7 +185,7 @@ def learn(
             emulated = truth.stand(course)
             begin(folder, course)
             _check_hidden(folder, emulated)
-            say("no --port: on the emulated launcher and table")
+            say("no --port: using the emulated launcher and table")
             story = play_series(folder, course, emulated, say, progress, _watch(folder, course, feed))
             _reveal(folder, emulated)
         result = figures(story, course, emulated)
@@ -204,7 +202,7 @@ def learn(
 
 
 def _watch(folder: Path, course: LearningConfig, feed: Feed | None) -> Callable[[int], None]:
-    """What shows the series, or nothing."""
+    """The live viewer of the series, or None."""
     if feed is None:
         return lambda number: None
     from robot.learning.loop import begin
@@ -215,7 +213,7 @@ def _watch(folder: Path, course: LearningConfig, feed: Feed | None) -> Callable[
 
 
 def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str], None]) -> LiveRig:
-    """The stand at a port, with the person at the terminal."""
+    """The rig at a port, with a person at the terminal."""
     from robot.learning.live_rig import LiveRig
 
     settings = wire.settings()
@@ -227,7 +225,7 @@ def _at_the_table(wire: Wire, camera: LiveCamera, yes: bool, say: Callable[[str]
 
 
 def _check_hidden(folder: Path, stand: EmulatedRig) -> None:
-    """Write a fingerprint of the hidden constants; BadInput where the series was begun with others."""
+    """Write a fingerprint of the hidden constants; BadInput if the series was started with others."""
     hidden = repr((sorted(stand.model.parameters().items()), sorted(dataclasses.asdict(stand.cue).items())))
     now = {"format": EMULATED_FORMAT, "hidden": hashlib.sha256(hidden.encode()).hexdigest(), "repeats": stand.repeats}
     path = folder / "emulated.json"
@@ -237,10 +235,10 @@ def _check_hidden(folder: Path, stand: EmulatedRig) -> None:
     from robot.learning.history import read_json
 
     then = read_json(path, EMULATED_FORMAT)
-    for key, word in (("hidden", "table or launcher"), ("repeats", "number of repeats")):
+    for key, word in (("hidden", "emulated table or launcher"), ("repeats", "number of repeats")):
         if then.get(key) != now[key]:
-            raise BadInput(f"{folder}: was begun with another {word} emulated; use the same, or name another folder")
-    for name in ("hidden.toml", "hidden_cue.json"):  # there once the series has ended
+            raise BadInput(f"{folder}: was started with another {word}; use the same, or name another folder")
+    for name in ("hidden.toml", "hidden_cue.json"):  # they exist once the series has ended
         (folder / name).unlink(missing_ok=True)
 
 
@@ -253,7 +251,7 @@ def _reveal(folder: Path, stand: EmulatedRig) -> None:
 
 
 def _draw(folder: Path, story: History, progress: Progress) -> None:
-    """The report and the recording."""
+    """Write the report and the recording."""
     from robot.learning.report import write_picture, write_recording, write_report
     from sysid.clips import read_clip_set
     from sysid.report.recording import found_films

@@ -1,4 +1,4 @@
-"""Verbs of the `robot` command that measure the launcher: its cueing map, how well it repeats, its strings' speeds."""
+"""Verbs that measure the launcher: its cueing map, its repeatability, and the speeds of its strings."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from robot.cli.common import Filming, Wire, confirmed, yes_option
-from robot.cli.lone import AtTable
+from robot.cli.single_ball import AtTable
 from robot.device.protocol import LauncherError
 
 if TYPE_CHECKING:
     from robot.cueing.campaign import Striker
 
-SLIDE_FRICTION = "decoupled_cloth.slide"  # of the sliding ball, in a model's parameters
+SLIDE_FRICTION = "decoupled_cloth.slide"  # the sliding friction among a model's parameters
 
 
 class StringsCommand(click.Command):
-    """A command whose --strings takes several numbers."""
+    """A command whose option --strings takes several numbers."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """`--strings 40 160` as click has it: `--strings 40 --strings 160`."""
+        """Rewrite `--strings 40 160` for click: `--strings 40 --strings 160`."""
         return super().parse_args(ctx, list(_repeated("--strings", args)))
 
 
 def _repeated(option: str, words: Sequence[str]) -> Iterator[str]:
-    """The words, with the option before each of its values."""
-    values = 0  # of the option, and one
+    """The words with the option repeated before each of its values."""
+    values = 0  # values of the option seen, plus one
     for word in words:
         if word.startswith("-"):
             values = int(word == option)
@@ -55,19 +55,19 @@ def _repeated(option: str, words: Sequence[str]) -> Iterator[str]:
 
 
 def strings_option(default: str) -> Any:
-    """The strings to be struck."""
+    """The option for the strings to strike."""
     text = f"Strings to strike, one or more; by default {default}."
     return click.option("--strings", metavar="N...", type=int, multiple=True, help=text)
 
 
 def repeats_option(default: int) -> Any:
-    """How often each is struck."""
+    """The option for the number of strokes of each."""
     return click.option("--repeats", metavar="N", type=int, default=default, show_default=True, help="Strokes of each.")
 
 
 @click.command()
 @click.argument("out", metavar="OUT.csv", type=OUTPUT_FILE)
-@click.option("--most", metavar="N", type=Number(1, whole=True), help="Stop after so many more shots.")
+@click.option("--most", metavar="N", type=Number(1, whole=True), help="Stop after N more shots.")
 @seed_option(1)
 @gathered("wire", Wire)
 @gathered("filming", Filming)
@@ -80,8 +80,8 @@ def campaign(
 ) -> int:  # fmt: skip
     """Play the published grid of strokes, and measure speed and direction of the ball.
 
-    Writes a row for each shot into OUT.csv; an old file is continued. With --port and a camera at a table, where the
-    ball is put back by hand for every stroke; without, on the emulated launcher.
+    Writes a row for each shot into OUT.csv; an existing file is continued. With --port and a camera it runs at a table,
+    where a person puts the ball back for every stroke; without, on the emulated launcher.
 
     Example: robot campaign shots.csv
     """
@@ -105,7 +105,7 @@ def _striker(
     progress: Progress, out: Path, most: int | None, seed: int, wire: Wire, filming: Filming, at_table: AtTable,
     model_file: Path | None,
 ) -> Iterator[Striker]:  # fmt: skip
-    """Who plays a campaign: the launcher at its port, or the emulated one."""
+    """The striker of a campaign: the launcher at its port, or the emulated one."""
     import numpy as np
 
     from models.mjcf.gl import choose_backend
@@ -118,11 +118,11 @@ def _striker(
         filming.refuse()
         at_table.refuse()
         if model_file:
-            raise BadInput("--model belongs to a launcher at a --port; leave it out, or name the port")
+            raise BadInput("--model requires a launcher at a --port; omit it, or name the port")
         choose_backend()
         from robot.cueing.striker import EmulatedStriker, Sloppiness, draw_hidden
 
-        print("no --port: on the emulated launcher, with constants drawn from the seed")
+        print("no --port: using the emulated launcher, with constants drawn from the seed")
         yield EmulatedStriker(draw_hidden(np.random.default_rng(seed)), Sloppiness(), seed, played)
         return
     from robot.table.strokes import TableStriker, check_strokes
@@ -133,9 +133,9 @@ def _striker(
     with at_table.ball(wire, filming, settings) as rig:
         model = model or full_model(rig.table, rig.ball)
         if (model.table, model.ball) != (rig.table, rig.ball):
-            raise BadInput(f"{model_file}: its table or ball is not that of {filming.camera_file}; name its model")
+            raise BadInput(f"{model_file}: its table or ball differs from {filming.camera_file}; name another")
         if SLIDE_FRICTION not in model.parameters():
-            raise BadInput(f"{model_file}: has no {SLIDE_FRICTION}; name a model that starts from the base")
+            raise BadInput(f"{model_file}: has no {SLIDE_FRICTION}; name a model based on the base")
         check_strokes(settings, grid, rig)
         last = min(len(grid), played + (most or len(grid)))
         at_table.print_needs(wire, filming, rig, last - played)
@@ -145,16 +145,16 @@ def _striker(
 
 @click.command("map")
 @click.argument("campaign", metavar="CSV", type=FILE_PATH)
-@out_option("MAP.toml", "Where the map goes; planner plan --map reads it.")
-@output_option("report", "H.html", "Write the map with pictures, and its errors on strokes held out.")
-@output_option("picture", "P.png", "Write its pictures alone.")
-@input_option("model", "M.toml", "Model of the table, for the balls that were struck; by default those of snooker.")
+@out_option("MAP.toml", "File for the map, to be used by planner plan --map.")
+@output_option("report", "H.html", "Write the map with pictures, and its errors on held-out strokes.")
+@output_option("picture", "P.png", "Write only its pictures.")
+@input_option("model", "M.toml", "Model with the balls that were struck; by default snooker balls.")
 @click.pass_obj
 def map_(
     progress: Progress, campaign: Path, out: Path, report_file: Path | None, picture_file: Path | None,
     model_file: Path | None,
 ) -> int:  # fmt: skip
-    """Fit the cueing map: what a commanded stroke gives the ball.
+    """Fit the cueing map, from commanded strokes to the ball's speed and direction.
 
     Reads the shots of `robot campaign`, and writes the map with its uncertainty.
 
@@ -175,7 +175,7 @@ def map_(
         from robot.cueing.held_out import compare_maps
         from robot.cueing.report import write_picture, write_report
 
-        progress("fitting without the strokes held out")
+        progress("fitting without held-out strokes")
         contest = compare_maps(shots, np.random.default_rng(0), geometry=geometry)
         progress.close()
     write_map(out, made)
@@ -206,10 +206,10 @@ def repeat(
     progress: Progress, wire: Wire, filming: Filming, at_table: AtTable, strings: tuple[int, ...], repeats: int,
     seed: int, json_file: Path | None,
 ) -> int:  # fmt: skip
-    """Repeat strokes of each string: how far apart the balls stop.
+    """Repeat strokes of each string, to measure the scatter of the balls' end points.
 
-    With --port and a camera at a table, where the ball is put back by hand for every stroke; without, on the emulated
-    launcher, on a snooker table and on an unlimited cloth.
+    With --port and a camera it runs at a table, where a person puts the ball back for every stroke; without, on the
+    emulated launcher, on a snooker table and on an unlimited cloth.
 
     Example: robot repeat --strings 60 160 --repeats 5
     """
@@ -222,7 +222,7 @@ def repeat(
     from robot.cueing.repeated import result, spread_strings, text
     from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure
 
-    print("no --port: on the emulated launcher")
+    print("no --port: using the emulated launcher")
     settings = wire.settings()
     chosen = list(strings) or spread_strings(settings)
     on_table, on_cloth = [
@@ -238,7 +238,7 @@ def repeat(
 def _repeat_at_table(
     wire: Wire, filming: Filming, at_table: AtTable, strings: tuple[int, ...], repeats: int, json_file: Path | None
 ) -> int:  # fmt: skip
-    """The same on the launcher at its port: each string's row as soon as it is measured, then all."""
+    """Repeat strokes at the port: print each string's row as soon as it is measured, then all."""
     from robot.cueing.repeated import Repeated, result, rows, spread_strings, text
     from robot.table.strokes import check_strokes, measure_repeats
 
@@ -248,7 +248,7 @@ def _repeat_at_table(
     settings = wire.settings()
     chosen = list(dict.fromkeys(strings)) or spread_strings(settings)
     if not chosen:
-        raise BadInput("no string lies within the limits of the launcher's file; give --strings")
+        raise BadInput("no string is within the limits of the launcher's file; give --strings")
     left = list(chosen)
 
     def report(row: Repeated) -> None:
@@ -271,7 +271,7 @@ def _repeat_at_table(
 
 
 @click.command(cls=StringsCommand)
-@out_option("NEW.toml", "Where the new launcher's file goes.")
+@out_option("NEW.toml", "File for the new launcher settings.")
 @gathered("wire", Wire)
 @strings_option("9 of the 200")
 @repeats_option(5)
@@ -283,9 +283,9 @@ def calibrate(
     progress: Progress, out: Path, wire: Wire, strings: tuple[int, ...], repeats: int, seed: int, yes: bool,
     json_file: Path | None,
 ) -> int:  # fmt: skip
-    """Calibrate the strings: the cue speed of each, as measured.
+    """Calibrate the strings: measure the cue speed of each.
 
-    Strikes without a ball, and writes a launcher's file with the speeds. Without --port on the emulated launcher.
+    Strikes without a ball, and writes a launcher's file with the speeds. Without --port it uses the emulated launcher.
 
     Example: robot calibrate --port /dev/ttyUSB0 --out launcher.toml
     """
@@ -299,15 +299,15 @@ def calibrate(
         wire.print_needs("no ball in front of the cue: it strikes the air", asks="once, before all strokes,", yes=yes)
         action = f"{repeats * len(chosen)} times without a pause, {repeats} of each of {chosen}"
         if not yes and not confirmed(action, "take the ball away"):
-            raise BadInput("not confirmed; nothing was struck, say yes to strike")
+            raise BadInput("not confirmed, so nothing was struck; answer yes to strike")
         launcher = wire.launcher(settings)
     else:
-        print("no --port: on the emulated launcher, whose strings run as the settings say")
+        print("no --port: using the emulated launcher, whose strings follow the settings")
         launcher = emulated_launcher(settings, lambda *_: None, np.random.default_rng(seed), log=wire.log)[0]
     with launcher:
         measured = measure_strings(launcher, chosen, repeats, progress)
     progress.close()
-    print(text(measured, settings))  # before the file: speeds that do not fall are refused, but shown
+    print(text(measured, settings))  # before the file is written: speeds that do not fall are refused, but shown
     write_calibration(wire.settings_file, measured, out)
     print(f"launcher's file: {out}")
     if json_file:

@@ -1,4 +1,4 @@
-"""The verbs that bring a plan to the table: `robot play`, on the launcher or the emulated one, and `robot align`."""
+"""`robot play` and `robot align`: play a plan on the real or the emulated launcher, and align its stand."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
     from robot.play import Played
     from sysid.clips import Observation
 
-FIRMWARE_STREAM = 1  # beside the seed: its random numbers are not the table's
+FIRMWARE_STREAM = 1  # stream of random numbers, separate from that of the table
 
 
 @dataclass(frozen=True)
 class Request:
-    """A plan to play, and under which conditions."""
+    """Options of playing a plan."""
 
     plan: Path = given(click.argument("plan", metavar="PLAN.json", type=FILE_PATH))
     scene_file: Path | None = given(
-        input_option("scene", "SCENE.toml", "Where the balls are now, made with: planner scene PICTURE.")
+        input_option("scene", "SCENE.toml", "Current positions of the balls, made with: planner scene PICTURE.")
     )
     tolerance: float = given("--tolerance", "MM", "Tolerance of each ball's position [mm].", ABOVE_ZERO, 5.0)
     films: Path = given("--films", "DIR", "Folder of the recordings.", FILE_PATH, "films")
-    clips: Path | None = given("--clips", "DIR", "Clip set to which the film is added.", FILE_PATH)
-    dry_run: bool = given("--dry-run", "", "Only check, and print what would be sent.", bool, False)
+    clips: Path | None = given("--clips", "DIR", "Clip set to which the filmed shot is added.", FILE_PATH)
+    dry_run: bool = given("--dry-run", "", "Only check the plan, and print what would be sent.", bool, False)
     yes: bool = given(yes_option, default=False)
 
     @property
@@ -57,36 +57,36 @@ class Request:
 
     @property
     def balls(self) -> str:
-        """Where the balls must lie, for a list of needs."""
-        return f"the balls where {self.plan} has them, within {self.tolerance:g} mm, and no others"
+        """The required positions of the balls, for a list of needs."""
+        return f"the balls at the positions in {self.plan}, within {self.tolerance:g} mm, and no others"
 
 
 @dataclass(frozen=True)
 class Emulation:
-    """What the emulated table and launcher are."""
+    """Options of the emulated table and launcher."""
 
     model_file: Path | None = given(
         input_option("model", "HIDDEN.toml", "Model of the emulated table; by default the base.")
     )
-    fault_rate: float = given("--fault-rate", "R", "Share of lines with a fault, emulated, 0 to 1.", float, 0.0)
+    fault_rate: float = given("--fault-rate", "R", "Share of lines with an emulated fault, 0 to 1.", float, 0.0)
     seed: int = given("--seed", "N", "Seed of the random numbers.", NON_NEGATIVE, 0)
 
     def refuse(self) -> None:
-        """BadInput where a real launcher plays."""
+        """Raise BadInput if a real launcher is used."""
         for name, value in (("model", self.model_file), ("fault-rate", self.fault_rate)):
             if value:
-                raise BadInput(f"--{name} belongs to the emulated launcher; leave it out, or leave --port out")
+                raise BadInput(f"--{name} applies to the emulated launcher; omit it, or omit --port")
 
     def table(self, scene: Scene, azimuth: float) -> EmulatedTable:
-        """The balls of a scene on the emulated table, the launcher along `azimuth` [rad]."""
+        """The balls of a scene on the emulated table, with the launcher along `azimuth` [rad]."""
         from models.model_file import full_model, read_model
         from robot.emulator.table import EmulatedTable
 
         model = read_model(self.model_file) if self.model_file else full_model(scene.table, scene.ball)
         if not self.model_file:
-            print("no --model: the table is the base with its usual constants")
+            print("no --model: the table is the base model with its usual constants")
         if (model.table, model.ball) != (scene.table, scene.ball):
-            raise BadInput(f"{self.model_file}: its table or ball is not the scene's; name a model of the scene's")
+            raise BadInput(f"{self.model_file}: its table or ball differs from the scene's; name another model")
         places = {n: (float(x), float(y)) for n, (x, y) in zip(scene.names, scene.position, strict=True)}
         return EmulatedTable(model, places, azimuth, self.seed)
 
@@ -104,7 +104,7 @@ class Emulation:
 
 @dataclass(frozen=True)
 class SeenScene:
-    """Instead of a camera, the balls of a scene file made a moment ago; it films nothing."""
+    """A stand-in for a camera: the balls of a recent scene file, without films."""
 
     scene: Scene
     fps: float = 1.0
@@ -113,7 +113,7 @@ class SeenScene:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Of the camera that saw the scene."""
+        """Doubts of the camera that took the scene."""
         return self.scene.camera_doubts
 
     @property
@@ -127,7 +127,7 @@ class SeenScene:
         return self.scene.ball
 
     def look(self) -> Mapping[str, Array]:
-        """Where the balls are, by name: (2,) [m]."""
+        """Positions of the balls by name: (2,) [m]."""
         return dict(zip(self.scene.names, self.scene.position, strict=True))
 
     def arm(self) -> None:
@@ -147,7 +147,7 @@ class SeenScene:
 def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -> int:
     """Play a plan once, on the launcher or on the emulated one.
 
-    Reads PLAN.json, and writes PLAN.played.json beside it. With --port it asks before it strikes; without, nothing real
+    Reads PLAN.json, and writes PLAN.played.json next to it. With --port it asks before it strikes; without, no hardware
     moves. Status 1 if something needs attention.
 
     Example: robot play plan.json --port /dev/ttyUSB0 --camera cam.toml --video 0 --clips CLIPS
@@ -172,7 +172,7 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
             played = _play_unfilmed(request, wire, settings, scene, azimuth)
         return _print_played(played, request, None)
     filming.refuse()
-    print("no --port: on the emulated launcher and table")
+    print("no --port: using the emulated launcher and table")
     emulated = emulation.table(scene or order.scene, azimuth)
     tolerance = request.tolerance_m
     if request.dry_run:
@@ -186,11 +186,11 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
 def _play_filmed(
     request: Request, wire: Wire, settings: Settings, filming: Filming, azimuth: float, ball: Array
 ) -> Played:  # fmt: skip
-    """The stroke on the launcher at its port, filmed."""
+    """Play the stroke on the launcher at its port, and film it."""
     from robot.play import play_plan
 
     if request.scene_file:
-        raise BadInput(f"--scene {request.scene_file}: the camera sees where the balls are; leave it out")
+        raise BadInput(f"--scene {request.scene_file}: the camera sees the balls; omit it")
     with filming.open(request.films) as camera:
         if request.dry_run:
             return play_plan(request.plan, _dry(settings), camera, tolerance=request.tolerance_m)
@@ -208,14 +208,14 @@ def _play_filmed(
 def _play_unfilmed(
     request: Request, wire: Wire, settings: Settings, scene: Scene | None, azimuth: float
 ) -> Played:  # fmt: skip
-    """The stroke on the launcher at its port, without a camera."""
+    """Play the stroke on the launcher at its port, without a camera."""
     from robot.play import play_plan
 
     if request.clips:
-        raise BadInput("--clips: nobody films; give --camera and --video, or track a film of the stroke: sysid track")
+        raise BadInput("--clips: the shot is not filmed; give --camera and --video, or track a film of it: sysid track")
     seen = SeenScene(scene) if scene else None
     if seen is None:
-        print("no --scene: nobody has looked where the balls are; make one with: planner scene PICTURE")
+        print("no --scene: the positions of the balls are not checked; make one with: planner scene PICTURE")
     if request.dry_run:
         return play_plan(request.plan, _dry(settings), seen, tolerance=request.tolerance_m)
     needs = (request.balls, f"the stand behind the cue ball, turned to {_degrees(azimuth)}: robot align shows it")
@@ -226,7 +226,7 @@ def _play_unfilmed(
 
 
 def _aligned(camera: LiveCamera, azimuth: float, ball: Array | None) -> bool:
-    """Say live how the stand must be turned; whether it is aligned in the end."""
+    """Show live how to turn the stand; returns whether it is aligned at the end."""
     from robot.camera.align import align as align_live
     from robot.camera.align import turn_for
 
@@ -241,12 +241,12 @@ def _aligned(camera: LiveCamera, azimuth: float, ball: Array | None) -> bool:
 @click.command()
 @gathered("filming", RequiredFilming)
 @input_option("plan", "PLAN.json", "Plan whose direction is wanted.")
-@click.option("--azimuth", metavar="DEG", type=float, help="Wanted direction, table frame [degrees].")
+@click.option("--azimuth", metavar="DEG", type=float, help="Wanted direction in the table frame [degrees].")
 def align(filming: RequiredFilming, plan_file: Path | None, azimuth: float | None) -> int:
-    """Align the stand: how far to turn it, live from the camera.
+    """Align the stand: show live from the camera how far to turn it.
 
-    Reads the camera, and the direction from --plan or --azimuth. Prints the turn to a tenth of a degree. Status 1 if
-    the cue does not point there in the end.
+    Takes the direction from --plan or --azimuth, and prints the remaining turn to a tenth of a degree. Status 1 if the
+    cue does not point there at the end.
 
     Example: robot align --camera cam.toml --video 0 --plan plan.json
     """

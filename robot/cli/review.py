@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("played", metavar="DIR|SHOTS.csv", type=FILE_PATH)
-@input_option("map", "MAP.toml", "Cueing map that a campaign is held against; by default a regular cue's.")
+@input_option("map", "MAP.toml", "Cueing map to compare a campaign with; by default a regular cue's.")
 @video_option
 @gathered("viewing", Viewing)
 @click.pass_obj
 def review(progress: Progress, played: Path, map_file: Path | None, video: Path | None, viewing: Viewing) -> int:
-    """Review in the Rerun viewer what was played: planned and played shots, predicted and measured strokes.
+    """Review played shots in the Rerun viewer: planned and played shots, predicted and measured strokes.
 
-    DIR is a series of robot learn, also one that is not finished: its shots, beside their films where a camera took
-    them; SHOTS.csv a campaign of robot campaign. The viewer listens to this machine alone.
+    DIR is a series of robot learn, finished or not: its shots are shown with their films, if a camera took any;
+    SHOTS.csv is a campaign of robot campaign. The viewer listens to this machine alone.
 
     Example: robot review out/series
     """
@@ -38,12 +38,12 @@ def review(progress: Progress, played: Path, map_file: Path | None, video: Path 
         from robot.learning.report import write_recording
 
         if map_file:
-            raise BadInput(f"--map {map_file}: belongs to a campaign; {played} is a series, leave it out")
+            raise BadInput(f"--map {map_file}: applies to a campaign, but {played} is a series; omit it")
         story, title = read_history(played), f"The series {played.name}"
         films = _films(played, video, progress)
         return viewing.show(lambda path: film_said(write_recording(path, story, title, films)), progress)
     if video:
-        raise BadInput(f"--video {video}: belongs to a series; {played} is a campaign, leave it out")
+        raise BadInput(f"--video {video}: applies to a series, but {played} is a campaign; omit it")
     from planner.launcher.cueing_map import read_map
     from robot.cueing.campaign import read_campaign
     from robot.cueing.recording import write_recording as write_campaign
@@ -53,7 +53,7 @@ def review(progress: Progress, played: Path, map_file: Path | None, video: Path 
 
 
 def _films(folder: Path, video: Path | None, progress: Progress) -> Sequence[Film]:
-    """The films of a series, where a camera took any."""
+    """The films of a series, if a camera took any."""
     from sysid.clips import read_clip_set
     from sysid.clips.trust import camera_doubts, tell_doubts
     from sysid.vision import films_of, missing_line

@@ -1,4 +1,4 @@
-"""Verbs of the `robot` command that ask one thing of the launcher, and the emulated launcher at a port."""
+"""Verbs with a single request to the launcher, and the emulated launcher at a port."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from robot.device.outcome import Did
     from robot.device.protocol import LauncherStatus
 
-HOLDER_ANSWERS_S = 2.0  # for which the holder of the port may take to ask the launcher
+HOLDER_ANSWERS_S = 2.0  # longest time that the port's holder may take to ask the launcher
 
 
 @click.command()
 @click.option("--path", metavar="P", help="Path of the port; by default a new one.")
 @click.option("--baud", metavar="B", type=int, default=19200, show_default=True, help="Speed of the line [bit/s].")
-@click.option("--pace", metavar="X", type=float, default=1.0, show_default=True, help="Mechanics, over real time.")
+@click.option("--pace", metavar="X", type=float, default=1.0, show_default=True, help="Mechanics over real time.")
 @click.option("--fault-rate", metavar="R", type=Number(0, 1), default=0.0, help="Share of lines with a fault, 0 to 1.")
-@click.option("--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="What it speaks.")
+@click.option("--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="Its protocol.")
 @seed_option()
 def emulate(path: str | None, baud: int, pace: float, fault_rate: float, protocol: str, seed: int) -> int:
     """Emulate a launcher on a pseudo-terminal, until interrupted.
@@ -39,7 +39,7 @@ def emulate(path: str | None, baud: int, pace: float, fault_rate: float, protoco
     from robot.emulator.launcher import serve
     from robot.emulator.paper import PaperFirmware
 
-    for name in (signal.SIGINT, signal.SIGTERM):  # so that the port is removed too, also when started from a script
+    for name in (signal.SIGINT, signal.SIGTERM):  # so that the port is removed, also when started from a script
         signal.signal(name, signal.default_int_handler)
     firmware = PaperFirmware if protocol == PAPER else Firmware
     serve(path, firmware, say=partial(print, flush=True), baud=baud, pace=pace, fault_rate=fault_rate, seed=seed)
@@ -47,7 +47,7 @@ def emulate(path: str | None, baud: int, pace: float, fault_rate: float, protoco
 
 
 def _request(name: str, text: str, moves: bool = False) -> click.Command:
-    """A verb that is one method of the driver."""
+    """A verb that calls one method of the driver."""
 
     @click.command(name, help=f"{text}\n\nExample: robot {name} --port /dev/ttyUSB0")
     @gathered("wire", RequiredWire)
@@ -66,7 +66,7 @@ def _request(name: str, text: str, moves: bool = False) -> click.Command:
 def status(wire: RequiredWire) -> int:
     """Print the state of the launcher.
 
-    Also while another program holds the port, which is named then.
+    It works while another program holds the port, and then names that program.
 
     Example: robot status --port /dev/ttyUSB0
     """
@@ -82,10 +82,10 @@ def status(wire: RequiredWire) -> int:
     found = parse_status(str(answer.get("status")))
     if found is None:
         why = answer.get("error", "no answer")
-        print(f"{holder} holds the port and has no status ({why}); robot stop goes through")
+        print(f"{holder} holds the port and has no status ({why}); robot stop works all the same")
         return Status.FINDING
     status = _print_status(found, *settings.tip_mm(found.x_um, found.y_um))
-    print(f"{holder} holds the port{_busy_with(answer)}; robot stop goes through")
+    print(f"{holder} holds the port{_busy_with(answer)}; robot stop works all the same")
     return status
 
 
@@ -102,7 +102,8 @@ home = _request("home", "Move rack and stage to their switches.", moves=True)
 def stop(wire: RequiredWire) -> int:
     """Stop the launcher at once.
 
-    Also while another program holds the port; says what it interrupted. Status 1 if the launcher does not confirm it.
+    It works while another program holds the port, and prints what was interrupted. Status 1 if the launcher does not
+    confirm the stop.
 
     Example: robot stop --port /dev/ttyUSB0
     """

@@ -1,6 +1,6 @@
 """The `robot` command.
 
-Without --port nothing real moves: plans go to an emulated launcher at an emulated table, and the command says so. An
+Without --port no hardware moves: plans go to an emulated launcher at an emulated table, and the command says so. An
 interrupt stops the launcher before anything else (robot/device/link.py).
 """
 

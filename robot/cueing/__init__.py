@@ -1,1 +1,1 @@
-"""From strokes to ball speed and squirt: campaigns, the cueing map fitted to them, and its report."""
+"""Ball speed and squirt of strokes: campaigns, the cueing map fitted to them, and its report."""

@@ -4,7 +4,7 @@ In: a `Striker` that strikes and measures, the grid and a seed. Out: a CSV file,
 
 Robotic Billiards (2015), section V.C: cue speeds of some 0.5 to 2.5 m/s, heights y'0 of -12 to 12 mm and sides x'0 of
 0 to 12 mm in steps of 2 mm, each five times: 2275 shots. Only the right side is played; the left is its mirror image.
-Unlike the paper's, the order is shuffled: a drift of the machine then adds to the scatter and is not mistaken for an
+Unlike in the paper, the order is shuffled: a drift of the machine then adds to the scatter and is not mistaken for an
 effect of the offset. Rows are written one by one, so that an interrupted campaign continues where it stopped.
 """
 
@@ -33,8 +33,8 @@ CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # [m/s]
 SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
 HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))
 DEFAULT_REPEATS = 5
-MAX_SHOTS = 100_000  # of one campaign
-MAX_CUE_SPEED = 2.75  # of '001p' [m/s]: the paper's campaign exceeded the 2.2 m/s of its planned shots
+MAX_SHOTS = 100_000  # most shots of a campaign
+MAX_CUE_SPEED = 2.75  # cue speed of '001p' [m/s]: the paper's campaign exceeded the 2.2 m/s of its planned shots
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,15 @@ class CueShot:
     string: int  # 1 to 200
     cue_speed: float  # of the string [m/s]
     x0_mm: float  # of the cue's axis from the ball's centre, to the right
-    y0_mm: float  # the same, up
+    y0_mm: float  # likewise, upwards
     ball_speed: float  # horizontal, as the ball leaves the tip [m/s]
-    ball_speed_sd: float  # of the measurement alone, by which repeats scatter [m/s]
-    ball_speed_unsure: float  # sd of the error that repeats share, 0 for none [m/s]
+    ball_speed_sd: float  # of the measurement error that differs between repeats [m/s]
+    ball_speed_unsure: float  # sd of the measurement error that repeats share, 0 for none [m/s]
     squirt_rad: float  # direction of the ball against the aim, > 0 to the left
-    squirt_sd: float  # of the measurement alone, by which repeats scatter [rad]
-    squirt_unsure: float  # sd of the error that repeats share [rad]
+    squirt_sd: float  # of the measurement error that differs between repeats [rad]
+    squirt_unsure: float  # sd of the measurement error that repeats share [rad]
     miscue: bool
-    order: int = 0  # in which it was played
+    order: int = 0  # position in the order of play
 
 
 COLUMN_BOUNDS = {
@@ -65,7 +65,7 @@ CAMPAIGN_COLUMNS = tuple(f.name for f in dataclasses.fields(CueShot))
 
 
 class Striker(Protocol):
-    """Whatever strikes a ball that lies ready, and measures it."""
+    """The interface of anything that strikes a ball and measures its motion."""
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
         """Strike once; `order` of the returned shot is ignored."""
@@ -78,7 +78,7 @@ def make_grid(
     heights_mm: Sequence[float] = HEIGHTS_MM,
     repeats: int = DEFAULT_REPEATS,
 ) -> list[tuple[int, float, float]]:
-    """Strokes (string, x0_mm, y0_mm) to be played, in order of place and speed."""
+    """Strokes (string, x0_mm, y0_mm) to be played, ordered by position and speed."""
     launcher = LauncherModel(fastest=MAX_CUE_SPEED)
     strings = [launcher.string(v) for v in speeds]
     return [g for g in itertools.product(strings, sides_mm, heights_mm) for _ in range(repeats)]
@@ -93,15 +93,15 @@ def run_campaign(
     grid: Sequence[tuple[int, float, float]] | None = None,
     most: int | None = None,
 ) -> list[CueShot]:
-    """Play a grid in shuffled order into a CSV file, or continue one that was begun.
+    """Play a grid in shuffled order into a CSV file, or continue an existing one.
 
     Args:
-        striker: who strikes and measures.
+        striker: strikes and measures.
         out: the CSV file.
         seed: of the order.
-        progress: called with what is being done.
-        grid: the strokes; the paper's 2275 without.
-        most: stop after so many more shots.
+        progress: called with a description of the current step.
+        grid: the strokes; by default the paper's 2275.
+        most: stop after this number of further shots.
 
     Raises:
         BadInput: the file is another campaign's, or cannot be written.
@@ -121,13 +121,13 @@ def run_campaign(
 
 
 def count_played(out: Path | str) -> int:
-    """Whole rows that a campaign's file holds; 0 where there is none."""
+    """Number of complete rows in a campaign's file; 0 if there is no file."""
     path = Path(out)
     return max(_text(path).count("\n") - 1, 0) if path.exists() else 0
 
 
 def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot]:
-    """Shots of a file that was begun; an incomplete last line of this campaign is removed, no other file is touched."""
+    """Shots of an existing file; removes an incomplete last line of this campaign, and changes no other file."""
     if not path.exists():
         return []
     text = _text(path)
@@ -137,7 +137,7 @@ def _begun(path: Path, todo: Sequence[tuple[int, float, float]]) -> list[CueShot
     for k, shot in enumerate(done):
         stroke = (shot.string, shot.x0_mm, shot.y0_mm)
         if k >= len(todo) or stroke != tuple(todo[k]) or shot.order != k:
-            raise BadInput(f"{path}: row {k + 1} is stroke {stroke}, not of this grid and seed; choose another file")
+            raise BadInput(f"{path}: row {k + 1} is stroke {stroke}, not one of this grid and seed; name another file")
     if len(whole) < len(text):
         write_whole(path, whole.encode())
     return done
@@ -149,7 +149,7 @@ def _row(shot: CueShot) -> str:
 
 
 def read_campaign(path: Path | str) -> list[CueShot]:
-    """Shots of a campaign's CSV file; BadInput names the row and column that is wrong."""
+    """Shots of a campaign's CSV file; BadInput names a wrong row and column."""
     return _shots(_text(Path(path)), Path(path))
 
 
@@ -164,18 +164,18 @@ def _shots(text: str, path: Path) -> list[CueShot]:
     try:
         rows = list(csv.reader(text.splitlines()))
     except csv.Error as error:
-        raise BadInput(f"{path}: is no CSV text ({error}); name the CSV file of a campaign") from None
+        raise BadInput(f"{path}: is not CSV text ({error}); name the CSV file of a campaign") from None
     if not rows or tuple(rows[0]) != CAMPAIGN_COLUMNS:
         head = ",".join(rows[0])[:80] if rows else ""
         raise BadInput(
-            f"{path}: begins with {shown(head)}; the first line of a campaign is {','.join(CAMPAIGN_COLUMNS)}"
+            f"{path}: begins with {shown(head)}; the first line of a campaign must be {','.join(CAMPAIGN_COLUMNS)}"
         )
     return [_shot(f"{path} row {k}", row) for k, row in enumerate(rows[1:], 1)]
 
 
 def _shot(where: str, row: Sequence[str]) -> CueShot:
     if len(row) != len(CAMPAIGN_COLUMNS):
-        raise BadInput(f"{where}: has {len(row)} columns; there are {len(CAMPAIGN_COLUMNS)}, delete that row")
+        raise BadInput(f"{where}: has {len(row)} columns instead of {len(CAMPAIGN_COLUMNS)}; delete that row")
     values: dict[str, float] = {}
     for name, text in zip(CAMPAIGN_COLUMNS, row, strict=True):
         try:

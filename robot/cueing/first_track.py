@@ -1,10 +1,10 @@
-"""Ball speed and squirt of a stroke, measured from the first moments of the ball's filmed path.
+"""Ball speed and squirt of a stroke, measured from the beginning of the ball's filmed path.
 
-In: times and places of the cue ball, resting and after the hit. Out: speed and direction as it leaves the tip, with
+In: times and positions of the cue ball, resting and after the hit. Out: speed and direction as it leaves the tip, with
 standard deviations. Start, velocity, slip and time of the hit are fitted to the frames of the first 0.35 s, sliding and
-rolling, with the cloth's friction known from the table's fit. A short slide holds little information on the slip, which
-therefore has a normal prior about the value of the default constants; the error that this may cause is reported.
-Leaves out the hop of the ball after the hit.
+rolling, with the cloth's friction known from the table's fit. A short slide contains little information on the slip,
+which therefore has a normal prior about the value of the default constants; the possible error is reported. Left out:
+the hop of the ball after the hit.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL
 from models.shot import GRAVITY, Array, Ball
 
-TRACK_LENGTH_S = 0.35  # after the hit, to which velocity and slip are fitted
-MIN_TRACK_S, MIN_TRACK_FRAMES = 0.02, 4  # of the first path that is not the hit itself; seen later than that
-ROLLING_FRICTION = 0.0148  # [1], as models/mjcf/native.py
+TRACK_LENGTH_S = 0.35  # duration after the hit to which velocity and slip are fitted
+MIN_TRACK_S, MIN_TRACK_FRAMES = 0.02, 4  # shortest path after the hit; fewest frames later than that
+ROLLING_FRICTION = 0.0148  # [1], as in models/mjcf/native.py
 SLIP_SD = 0.05  # prior sd of the slip, over the ball's speed [1]
 
 
@@ -29,24 +29,24 @@ def read_track(
 ) -> tuple[float, float, float, float, float, float]:
     """Ball speed [m/s] and squirt [rad] as the ball leaves the tip, each with two standard deviations.
 
-    The first is what the camera's noise makes of it, by which repeats scatter; the second is what the slip expected
-    may be wrong by, which is the same in every repeat.
+    The first is the effect of the camera's noise, which differs between repeats; the second is the effect of an error
+    in the expected slip, which repeats share.
 
     Args:
-        times: of the frames (n,) [s]; the hit is between the first after 0 and the one before it.
-        xy: places (n, 2) [m], x along the aim.
+        times: of the frames (n,) [s]; the hit is between the first one after 0 and the one before that.
+        xy: positions (n, 2) [m], x along the aim.
         friction: of the sliding ball [1].
         noise: of the camera, per axis [m].
-        x0_mm: commanded offset of the cue's axis, to the right, from which the slip is predicted.
-        y0_mm: the same, up.
+        x0_mm: commanded offset of the cue's axis to the right, which predicts the slip.
+        y0_mm: likewise, upwards.
         ball: that was struck.
 
     Raises:
-        BadInput: the track holds no speed.
+        BadInput: the track does not determine a speed.
     """
     quick = times > MIN_TRACK_S
     if np.count_nonzero(quick) < MIN_TRACK_FRAMES or np.count_nonzero(times <= 0) < 1:
-        raise BadInput(f"a track of {len(times)} frames is too short; film the resting ball and 0.02 s or more after")
+        raise BadInput(f"{len(times)} frames are too short; film the resting ball and 0.02 s or more after the hit")
     slope = np.polyfit(times[quick], xy[quick], 1)[0]
     pace = float(max(np.hypot(*slope), 1e-3))
     expected = expected_slip(x0_mm, y0_mm, ball)
@@ -76,14 +76,14 @@ def read_track(
 
 
 def expected_slip(x0_mm: float, y0_mm: float, ball: Ball = SNOOKER_BALL) -> Array:
-    """Of the ball's lowest point as it leaves the tip, over its speed: (2,), by the usual constants."""
+    """Slip of the ball as it leaves the tip, over its speed, by the usual constants: (2,)."""
     side, height = np.array([1e-3 * x0_mm]), np.array([1e-3 * y0_mm])
     velocity, spin = launch(Constants(), Geometry(ball), np.ones(1), side, height)
     return np.asarray(slip(velocity, spin, ball.radius)[0] / np.hypot(*velocity[0, :2]))
 
 
 def _run(place: Array, velocity: Array, slipping: Array, friction: float, after: Array) -> Array:
-    """Where a ball is that slides until its slip is gone, then rolls: (n, 2) [m]; after (n,) [s]."""
+    """Positions of a ball that slides, then rolls: (n, 2) [m], after (n,) [s]."""
     size = max(float(np.hypot(*slipping)), 1e-9)
     lasts = size / (3.5 * friction * GRAVITY)
     s, t = np.minimum(after, lasts)[:, None], np.maximum(after - lasts, 0.0)[:, None]

@@ -1,13 +1,13 @@
-"""How well a cueing map predicts strokes that it was not fitted to.
+"""Errors of a cueing map on held-out strokes.
 
 In: the shots of a campaign with repeats (robot/cueing/campaign.py). Out: root mean square errors of ball speed and
 squirt, by map, for a report (robot/cueing/report.py).
 
-Whole strokes are held out with all their repeats. The map is fitted to all other shots, and once more to a tenth of
-them, no fewer than a map takes. The noise floor is the scatter of repeats about their own mean,
-sqrt(sum |x - mean|^2 / (shots - strokes)), which no map can beat. Where the exact outcome of a stroke is known
+Whole strokes are held out with all their repeats. The map is fitted to all other shots, and again to a tenth of them,
+but no fewer than a map needs. The noise floor is the scatter of repeats about their own mean,
+sqrt(sum |x - mean|^2 / (shots - strokes)), which no map can beat. If the exact outcome of a stroke is known
 (emulated launcher), errors against it are given too.
-Leaves out how a map does between the places of the grid.
+Left out: errors between the positions of the grid.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class HeldOutErrors:
 
     name: str
     trained_on: int  # shots
-    speed_percent: float  # of the ball's speed, shot by shot [%]
+    speed_percent: float  # relative to each shot's ball speed [%]
     speed_m_s: float
     squirt_deg: float
     exact_speed_percent: float = math.nan
@@ -46,9 +46,9 @@ class HeldOutErrors:
 
 @dataclass(frozen=True)
 class MapComparison:
-    """Maps on the same held-out shots."""
+    """Errors of several maps on the same held-out shots."""
 
-    scores: tuple[HeldOutErrors, ...]  # other maps, map from all shots, map from a tenth; noise floor last
+    scores: tuple[HeldOutErrors, ...]  # other maps, the map from all shots, the map from a tenth, the noise floor
     held: tuple[CueShot, ...]
     predicted: dict[str, tuple[Array, Array]]  # by name of the map: ball speed [m/s] and squirt [rad] of these shots
     whole: CueingMap
@@ -64,15 +64,15 @@ def compare_maps(
     exact: Callable[[Sequence[Stroke]], Mapping[Stroke, tuple[float, float]]] | None = None,
     fit_others: Callable[[Sequence[CueShot]], Mapping[str, Predict]] | None = None,
 ) -> MapComparison:
-    """Errors of the cueing map on strokes that it has not seen.
+    """Evaluate the cueing map on held-out strokes.
 
     Args:
         shots: a campaign with repeats.
         rng: chooses the strokes held out, and the tenth.
-        geometry: of tip, cue and ball, as `fit_map` has it.
+        geometry: of tip, cue and ball, as for `fit_map`.
         held_out: fraction of the strokes.
-        exact: ball speed [m/s] and squirt [rad] of strokes without any error, where they are known.
-        fit_others: fits other maps to the same training shots, by name, to be compared with.
+        exact: ball speed [m/s] and squirt [rad] of error-free strokes, if known.
+        fit_others: fits other maps to the same training shots, by name, for comparison.
 
     Raises:
         BadInput: too few shots for a map.
@@ -118,7 +118,7 @@ def noise_floor(shots: Sequence[CueShot]) -> tuple[float, float, float]:
 
 
 def average_errors(comparisons: Sequence[MapComparison]) -> list[HeldOutErrors]:
-    """Root mean squares of the errors over several splits, name by name."""
+    """Root mean squares of the errors over several splits, for each name."""
     out = []
     for same in zip(*(c.scores for c in comparisons), strict=True):
         values = {
@@ -137,7 +137,7 @@ def stroke_table(shots: Sequence[CueShot]) -> tuple[Array, Array]:
 
 
 def _rms(speed: Array, squirt: Array, right: Array) -> tuple[float, float, float]:
-    """Errors of the ball's speed [%], [m/s] and of squirt [deg]; nan where the right values are."""
+    """Errors of the ball's speed [%], [m/s] and of squirt [deg]; nan where the true values are nan."""
     errors = 100.0 * (speed / right[:, 0] - 1.0), speed - right[:, 0], np.degrees(squirt - right[:, 1])
     percent, speed_m_s, squirt_deg = (float(np.sqrt(np.mean(v**2))) for v in errors)
     return percent, speed_m_s, squirt_deg

@@ -1,15 +1,15 @@
-"""The cueing map's constants fitted to a campaign, and the launcher's scatter from the same shots.
+"""Fit of the cueing map's constants, and of the launcher's scatter, to a campaign.
 
 In: the shots of a campaign, priors. Out: a `CueingMap`, and the `Execution` errors with their standard deviations.
 
 Constants: least squares of ball speed and squirt together, each shot whitened by the covariance of the launcher's
-execution errors and of the camera (an error of place affects both; the error that repeats share counts once), with a
-soft L1 loss, then plainly once more without shots beyond five standard deviations. Wide normal priors take the place of
-missing information. The covariance of the constants is (J'J)^-1, times the reduced chi squared where that is above 1.
+execution errors and of the camera (an error of position affects both; the error that repeats share counts once), with a
+soft L1 loss, then with a quadratic loss without shots beyond five standard deviations. Wide normal priors replace
+missing information. The covariance of the constants is (J'J)^-1, times the reduced chi squared if that exceeds 1.
 
 Scatter: shots of one stroke scatter about their mean with covariance camera + G diag(variances) G', G the derivatives
-of the map by speed, side, height and aim; the variances maximise the Wishart likelihood of all strokes' scatter, their
-uncertainty is that of its Fisher information. Leaves out errors that are correlated from shot to shot.
+of the map by speed, side, height and aim; the variances maximise the Wishart likelihood of all strokes' scatter, and
+their uncertainty follows from its Fisher information. Left out: errors that are correlated from shot to shot.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ PRIOR_SD = {
     "tip_restitution": 0.2, "cue_mass": 0.3, "end_mass": 0.006, "slate_friction": 0.1, "contact_time": 4e-4,
     "side_zero": 2e-3, "height_zero": 2e-3, "aim_zero": 0.03,
 }  # fmt: skip # wide against the information of a campaign
-MIN_SHOTS = 16  # for eight constants
-OUTLIER_SDS = 5.0  # standard deviations of both figures together, beyond which a shot is left out
-MIN_REPEATS = 40  # shots less strokes, from which the launcher's scatter is estimated
-PLACE_STEP_M = 1e-4  # of derivatives by place
+MIN_SHOTS = 16  # fewest shots for eight constants
+OUTLIER_SDS = 5.0  # distance, in standard deviations of both figures together, beyond which a shot is left out
+MIN_REPEATS = 40  # fewest repeats (shots minus strokes) for the launcher's scatter
+PLACE_STEP_M = 1e-4  # finite-difference step of positions
 
 
 def columns(shots: Sequence[CueShot]) -> tuple[Array, Array, Array, Array, Array]:
@@ -49,7 +49,7 @@ def columns(shots: Sequence[CueShot]) -> tuple[Array, Array, Array, Array, Array
 
 
 def _shared(shots: Sequence[CueShot]) -> Array:
-    """Variance of the error that repeats share (n, 2), times their number: together they inform as one shot does."""
+    """Variance of the error that repeats share (n, 2), times their number, since together they count as one shot."""
     count = Counter((s.string, s.x0_mm, s.y0_mm) for s in shots)
     one = np.array([(s.ball_speed_unsure, s.squirt_unsure) for s in shots]).reshape(-1, 2) ** 2
     return np.asarray(one * np.array([[count[s.string, s.x0_mm, s.y0_mm]] for s in shots], float))
@@ -67,20 +67,20 @@ def fit_map(
 
     Args:
         shots: of the campaign; miscues are left out.
-        geometry: of tip, cue and ball; the paper's without.
+        geometry: of tip, cue and ball; by default the paper's.
         start: centre of the priors.
-        execution: the launcher's scatter; from the repeats where there are enough, else the planner's, without.
-        fewest: shots; with fewer than constants the priors hold the rest.
+        execution: the launcher's scatter; by default from the repeats if there are enough, else the planner's.
+        fewest: smallest number of shots; with fewer than constants the priors determine the rest.
 
     Raises:
-        BadInput: too few shots, or all at one place.
+        BadInput: too few shots, or all at one position.
     """
     geometry, start = geometry or Geometry(SNOOKER_BALL), start or Constants()
     good = [s for s in shots if not s.miscue]
     places = {(s.x0_mm, s.y0_mm) for s in good}
     if len(good) < fewest or len({x for x, _ in places}) < 3 or len({y for _, y in places}) < 3:
         raise BadInput(
-            f"{len(good)} shots at {len(places)} places are too few for a cueing map; "
+            f"{len(good)} shots at {len(places)} positions are too few for a cueing map; "
             f"strike {fewest} or more, at 3 or more sides and heights"
         )
     constants, noise = start, execution or Execution()
@@ -98,7 +98,7 @@ def fit_map(
 def _solve(
     shots: Sequence[CueShot], geometry: Geometry, centre: Constants, begin: Constants, noise: Execution
 ) -> tuple[Constants, Array, float, int]:
-    """Constants, their covariance, the reduced chi squared, and how many shots lie too far off to count."""
+    """Constants, their covariance, the reduced chi squared, and the number of outlying shots."""
     speed, side, height, measured, camera = columns(shots)
     before = np.array([getattr(centre, name) for name in CONSTANT_NAMES])
     width = np.array([PRIOR_SD[name] for name in CONSTANT_NAMES])
@@ -118,7 +118,7 @@ def _solve(
     for loss in ("soft_l1", "linear"):
         found = least_squares(residual, p, bounds=(low, high), x_scale=width, loss=loss, f_scale=2.0, max_nfev=80)
         if not found.success:
-            raise BadInput(f"the cueing map does not fit {len(shots)} shots; look for wrong units or signs in them")
+            raise BadInput(f"the cueing map does not fit {len(shots)} shots; check them for wrong units or signs")
         p = found.x
         if loss == "soft_l1":
             keep = np.linalg.norm(whitened(p), axis=-1) < OUTLIER_SDS
@@ -133,13 +133,13 @@ def to_constants(p: Array) -> Constants:
 
 
 def _derivatives(speed: Array, side: Array, height: Array, constants: Constants, geometry: Geometry) -> Array:
-    """Of ball speed and squirt by fraction of speed, aim, and the contact's side and height: (n, 2, 4)."""
+    """Derivatives of ball speed and squirt by fraction of speed, aim, and the contact's side and height: (n, 2, 4)."""
     out = np.zeros((len(speed), 2, 4))
     for k, (x, y) in enumerate(((PLACE_STEP_M, 0.0), (0.0, PLACE_STEP_M)), 2):
         ahead = ball_speed_and_squirt(constants, geometry, speed, side + x, height + y)
         behind = ball_speed_and_squirt(constants, geometry, speed, side - x, height - y)
         out[:, :, k] = np.stack([a - b for a, b in zip(ahead, behind, strict=True)], axis=-1) / (2 * PLACE_STEP_M)
-    out[:, :, 2:] /= geometry.lever  # Execution is at the contact, the stage moves the axis
+    out[:, :, 2:] /= geometry.lever  # Execution refers to the contact, the stage moves the axis
     out[:, 0, 0] = ball_speed_and_squirt(constants, geometry, speed, side, height)[0]
     out[:, 1, 1] = 1.0
     return out
@@ -154,14 +154,14 @@ def _covariances(
     geometry: Geometry,
     noise: Execution,
 ) -> Array:
-    """Of ball speed and squirt as measured: (n, 2, 2)."""
+    """Covariance of measured ball speed and squirt: (n, 2, 2)."""
     g = _derivatives(speed, side, height, constants, geometry)
     sizes = np.array([noise.speed_sd, noise.azimuth_sd, noise.side_sd, noise.height_sd])
     return np.asarray((g * sizes**2) @ np.swapaxes(g, 1, 2) + variances[:, :, None] * np.eye(2))
 
 
 def _strokes(shots: Sequence[CueShot]) -> list[list[CueShot]]:
-    """Shots grouped by commanded stroke; only strokes that were repeated."""
+    """Shots grouped by commanded stroke, for repeated strokes only."""
     groups: defaultdict[tuple[int, float, float], list[CueShot]] = defaultdict(list)
     for s in shots:
         groups[s.string, s.x0_mm, s.y0_mm].append(s)
@@ -169,15 +169,15 @@ def _strokes(shots: Sequence[CueShot]) -> list[list[CueShot]]:
 
 
 def count_repeats(shots: Sequence[CueShot]) -> int:
-    """How many shots repeat another."""
+    """The number of shots that repeat another."""
     return sum(len(group) - 1 for group in _strokes(shots))
 
 
 def scatter(shots: Sequence[CueShot], constants: Constants, geometry: Geometry) -> tuple[Execution, Execution]:
-    """The launcher's errors from repeated strokes, and the standard deviations of these.
+    """The launcher's errors from repeated strokes, with their standard deviations.
 
     Raises:
-        BadInput: hardly any stroke was repeated.
+        BadInput: too few strokes were repeated.
     """
     groups = _strokes(shots)
     if count_repeats(shots) < MIN_REPEATS:
@@ -207,7 +207,7 @@ def scatter(shots: Sequence[CueShot], constants: Constants, geometry: Geometry) 
     slopes = np.einsum("nik,njk->nkij", g, g)  # of the covariance by each variance
     each = np.linalg.solve(total(found.x)[:, None], slopes)
     fisher = 0.5 * np.einsum("n,nkij,nlji->kl", free, each, each)
-    scale = np.sqrt(np.diag(fisher))  # variances of m^2 beside such of 1 would be lost in the inverse
+    scale = np.sqrt(np.diag(fisher))  # balances variances in m^2 and in 1 for the inverse
     variance_sd = np.sqrt(np.diag(np.linalg.inv(fisher / np.outer(scale, scale)))) / scale
-    sds = np.sqrt(size**2 + variance_sd) - size  # sd / (2 size) where it is small, and no infinity at 0
+    sds = np.sqrt(size**2 + variance_sd) - size  # sd / (2 size) if it is small, and finite at 0
     return Execution(*map(float, size)), Execution(*map(float, sds))

@@ -1,4 +1,4 @@
-"""A campaign as a Rerun recording: what each stroke gave the ball, and what a cueing map predicts."""
+"""A campaign as a Rerun recording: measured ball motion of each stroke, and a cueing map's prediction."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from robot.cueing.campaign import CueShot
 
 
 def write_recording(path: Path | str, shots: Sequence[CueShot], cueing_map: CueingMap | None, title: str) -> None:
-    """Write one Rerun recording, whole or not at all.
+    """Write one Rerun recording, completely or not at all.
 
     Args:
         path: the recording.
         shots: of the campaign.
-        cueing_map: that predicts them; None: the constants of a regular cue.
+        cueing_map: for predictions; None for the constants of a regular cue.
         title: of the recording.
 
     Raises:
         BadInput: there are no shots, or it cannot be written.
     """
     if not shots:
-        raise BadInput(f"{title}: holds no shot yet; play it on with: robot campaign")
+        raise BadInput(f"{title}: holds no shot yet; continue it with: robot campaign")
     ordered = sorted(shots, key=lambda shot: shot.order)
     constants, geometry = (
         (Constants(), Geometry(SNOOKER_BALL)) if cueing_map is None else (cueing_map.constants, cueing_map.geometry)
@@ -44,7 +44,7 @@ def write_recording(path: Path | str, shots: Sequence[CueShot], cueing_map: Cuei
     rms = np.sqrt(np.mean((strokes.measured - strokes.predicted)[good] ** 2, axis=0)) if good.any() else np.zeros(2)
     by = "a regular cue's constants" if cueing_map is None else "the cueing map"
     words = (
-        f"{len(ordered)} strokes, {int((~good).sum())} of them miscues. Rms difference from what {by} predict"
+        f"{len(ordered)} strokes, {int((~good).sum())} of them miscues. Rms difference from the prediction by {by}"
         f"{'s' * (cueing_map is not None)}: {1e3 * rms[0]:.0f} mm/s of ball speed, {1e3 * rms[1]:.1f} mrad of squirt."
     )
     write_campaign(path, strokes, geometry.ball, title=title, words=words)

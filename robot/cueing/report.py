@@ -1,7 +1,7 @@
-"""The report of a cueing map: one HTML file with its figures inside, and the figures alone as PNG.
+"""The report of a cueing map: one HTML file with embedded figures, and the figures alone as PNG.
 
-Surfaces of ball speed and squirt over the tip's offset at one string, as figures 9(b) and 9(c) of Robotic Billiards
-(2015) show them; predicted against measured; errors by speed and offset for both maps; the scores of the comparison and
+Surfaces of ball speed and squirt over the tip's offset at one string, like figures 9(b) and 9(c) of Robotic Billiards
+(2015); predicted against measured values; errors by speed and offset for both maps; the scores of the comparison and
 the map's constants. templates/cueing_map.html.j2 holds headings and captions. The same values give the same bytes.
 """
 
@@ -33,9 +33,9 @@ CONSTANT_UNITS = {"tip_restitution": "1", "cue_mass": "kg", "end_mass": "kg", "s
                   "contact_time": "s", "side_zero": "m", "height_zero": "m", "aim_zero": "rad"}  # fmt: skip
 EXECUTION_UNITS = {"speed_sd": "1", "azimuth_sd": "rad", "side_sd": "m", "height_sd": "m"}
 SCORE_HEADS = ["map", "trained on", "speed [%]", "speed [mm/s]", "squirt [°]", "exact speed [%]", "exact squirt [°]"]
-USUAL_CUE_SPEED_M_S = 2.0  # the string nearest to it is drawn unless another is asked for
+USUAL_CUE_SPEED_M_S = 2.0  # by default the string nearest to it is drawn
 MAP_COLOURS = {"physical map": MODEL_COLOUR, "physical map, a tenth": HELD_OUT_COLOUR, "repeats": INK_COLOUR}
-OFFSET_BIN_MM = 3.0  # of the figure of errors
+OFFSET_BIN_MM = 3.0  # width of a bin in the figure of errors
 
 
 def write_report(
@@ -48,16 +48,16 @@ def write_report(
     string: int | None = None,
     notes: Sequence[str] = (),
 ) -> None:
-    """Write one HTML file, whole or not at all.
+    """Write one HTML file, completely or not at all.
 
     Args:
         path: the file.
         title: its heading.
         shots: the whole campaign.
-        contest: one comparison; its map from all shots is drawn.
-        scores: the table's rows, such as the means of several splits; the contest's if None.
-        string: whose surfaces are drawn; the one nearest to 2 m/s if None.
-        notes: lines shown on top.
+        contest: one comparison, whose map from all shots is drawn.
+        scores: the table's rows, such as means over several splits; by default those of the contest.
+        string: the string whose surfaces are drawn; by default the one nearest to 2 m/s.
+        notes: lines at the top.
     """
     figures = [(name, svg(name, height, draw)) for name, height, draw in _figures(shots, contest, string)]
     write_page(
@@ -77,7 +77,7 @@ def write_report(
 def write_picture(
     path: Path | str, shots: Sequence[CueShot], contest: MapComparison, *, string: int | None = None
 ) -> None:
-    """Write all figures below each other as one PNG, whole or not at all."""
+    """Write all figures below each other as one PNG, completely or not at all."""
     figures = _figures(shots, contest, string)
     heights = [height for _, height, _ in figures]
 
@@ -96,10 +96,10 @@ def score_cells(s: HeldOutErrors) -> list[str]:
 
 
 def _figures(shots: Sequence[CueShot], contest: MapComparison, string: int | None) -> list[tuple[str, float, Draw]]:
-    """Every figure: its title, its height [inch], and what draws it."""
+    """Every figure: its title, its height [inch], and the function that draws it."""
     cue_speeds = {s.string: s.cue_speed for s in shots if not s.miscue}
     if not cue_speeds:
-        raise BadInput("there are no shots without a miscue to draw; play a campaign first")
+        raise BadInput("every shot is a miscue, or there are none; play a campaign first")
     chosen = min(cue_speeds, key=lambda k: abs(cue_speeds[k] - USUAL_CUE_SPEED_M_S)) if string is None else string
     if chosen not in cue_speeds:
         raise BadInput(f"string {chosen} was not played; choose from {', '.join(map(str, sorted(cue_speeds)))}")
@@ -153,9 +153,9 @@ def _predicted_against_measured(contest: MapComparison, fig: Any) -> None:
 
 
 def _repeat_scatter(held: Sequence[CueShot], measured: Array) -> Array:
-    """Deviation of each shot from the mean of its repeats, unbiased: (n, 2); nan where a stroke was not repeated.
+    """Unbiased deviation of each shot from the mean of its repeats: (n, 2); nan for strokes without repeats.
 
-    The scatter about a mean that the shot itself is part of is too small by n / (n - 1) in the square.
+    The squared scatter about a mean that includes the shot itself is too small by a factor of n / (n - 1).
     """
     repeats: defaultdict[tuple[int, float, float], list[int]] = defaultdict(list)
     for k, s in enumerate(held):
@@ -193,7 +193,7 @@ def _errors(contest: MapComparison, fig: Any) -> None:
 
 
 def _constants(whole: CueingMap, tenth: CueingMap) -> list[list[str]]:
-    """Name, value and sd from all shots, the same from a tenth of them, and unit of every constant."""
+    """Name, value and sd from all shots, value and sd from a tenth of them, and unit of every constant."""
     rows = []
     for k, name in enumerate(CONSTANT_NAMES):
         values = [(getattr(m.constants, name), math.sqrt(m.covariance[k, k])) for m in (whole, tenth)]

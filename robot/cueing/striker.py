@@ -1,11 +1,11 @@
-"""The emulated launcher and camera of a campaign: strokes in MuJoCo with hidden constants, filmed at 180 frames/s.
+"""The emulated launcher and camera of a campaign: strokes in MuJoCo with hidden constants, at 180 frames/s.
 
 In: hidden constants, execution errors and a seed. Out: a `CueShot` for every commanded stroke. The constants (cue, end
-mass, leather, cloth, zeros of stage and aim) are drawn within what is known of them. Each stroke has its own errors:
+mass, leather, cloth, zeros of stage and aim) are drawn from known ranges. Each stroke has its own errors:
 cue speed within some 1 %, ball and stage put back within 0.1 to 0.3 mm (normal plus backlash), aim within half a
-milliradian. The tip strikes in a world that `mj_step` moves (models/mujoco/launcher.py). After the hit the ball runs in
-closed form (models/analytic/cloth.py), seen with 0.5 mm of noise per axis, and is measured as at a table
-(robot/cueing/first_track.py). Leaves out the hop of the ball after the hit and faults of the tracking.
+milliradian. The tip strikes in a world that `mj_step` moves (models/mujoco/launcher.py). After the hit the ball moves
+in closed form (models/analytic/cloth.py), observed with 0.5 mm of noise per axis, and is measured as at a table
+(robot/cueing/first_track.py). Left out: the hop of the ball after the hit, and tracking errors.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from robot.cueing.first_track import ROLLING_FRICTION, TRACK_LENGTH_S, read_trac
 from robot.cueing.hidden import draw_values
 
 CAMERA_FPS = 180.0  # [1/s] (Robotic Billiards 2015)
-REST_FRAMES = 8  # of the resting ball before the hit
-BALL_NAME, BALL_SPOT = "white", np.array([-1.23, 0.0])  # where the ball lies to be struck [m]
+REST_FRAMES = 8  # frames of the resting ball before the hit
+BALL_NAME, BALL_SPOT = "white", np.array([-1.23, 0.0])  # name and position of the ball to be struck [m]
 
 
 @dataclass(frozen=True)
@@ -41,19 +41,19 @@ class Hidden:
     end_mass: float = 0.00703  # [kg]
     friction: float = 0.21  # of the cloth, in the hit and after [1]
     tip_friction: float = 0.6  # [1]
-    side_zero: float = 0.0  # true less commanded [m]
-    height_zero: float = 0.0  # the same [m]
-    aim_zero: float = 0.0  # the same, to the left [rad]
+    side_zero: float = 0.0  # true minus commanded [m]
+    height_zero: float = 0.0  # likewise, upwards [m]
+    aim_zero: float = 0.0  # likewise, to the left [rad]
 
 
 @dataclass(frozen=True)
 class Sloppiness:
     """Execution errors of a stroke, and errors of the camera; standard deviations."""
 
-    speed: float = 0.01  # of the cue, fraction; ripple of the drive
+    speed: float = 0.01  # of the cue, as a fraction: ripple of the drive
     azimuth: float = 0.0005  # [rad]
-    place: float = 1e-4  # of the ball and stage, each axis [m]
-    play: float = 1.5e-4  # of the stage, evenly within +- this [m]
+    place: float = 1e-4  # positions of ball and stage, each axis [m]
+    play: float = 1.5e-4  # backlash of the stage, uniform within +- this [m]
     pixel: float = 5e-4  # of the camera, each axis [m]
 
 
@@ -64,7 +64,7 @@ def draw_hidden(rng: np.random.Generator) -> Hidden:
 
 
 def hidden_launcher(hidden: Hidden) -> Launcher:
-    """The launcher at the table with these constants in it, aimed along x at the ball on its spot."""
+    """The launcher at the table with these constants, aimed along x at the ball on its spot."""
     cloth = {"decoupled_cloth.slide": hidden.friction}
     world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL).with_values(cloth), (BALL_NAME,))
     device = Device(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution, hidden.tip_friction)
@@ -74,19 +74,19 @@ def hidden_launcher(hidden: Hidden) -> Launcher:
 
 
 def strike(launcher: Launcher, cue_speed: float, side: float, height: float) -> SimulatedStroke:
-    """Strike the ball on its spot once, as `Launcher.strike`."""
+    """Strike the ball on its spot once, like `Launcher.strike`."""
     return launcher.strike(launcher.world.place({BALL_NAME: BALL_SPOT}), cue_speed, side, height, run_up=False)
 
 
 class EmulatedStriker:
-    """A launcher with camera, as `run_campaign` strikes with it.
+    """An emulated launcher with camera, a striker for `run_campaign`.
 
-    Every stroke draws its errors from the seed and its own number, so a campaign that is continued after an
-    interruption (`played` strokes into it) gives the same strokes as one without.
+    Every stroke draws its errors from the seed and its own number, so a campaign that is continued after `played`
+    strokes gives the same strokes as an uninterrupted one.
     """
 
     def __init__(self, hidden: Hidden, sloppiness: Sloppiness, seed: int, played: int = 0) -> None:
-        """Set it up; nothing is struck."""
+        """Set up table, launcher and camera without a stroke."""
         self.hidden, self.sloppiness, self.seed, self.played = hidden, sloppiness, seed, played
         self.launcher = hidden_launcher(hidden)
         self.strings = LauncherModel()
@@ -110,7 +110,7 @@ class EmulatedStriker:
 
 
 def film(velocity: Array, spin: Array, friction: float, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Times (n,) [s] and places (n, 2) [m] as the camera has them; the hit falls anywhere between two frames."""
+    """Observed times (n,) [s] and positions (n, 2) [m]; the hit is at a random moment between two frames."""
     times = np.arange(-REST_FRAMES, round(CAMERA_FPS * TRACK_LENGTH_S)) / CAMERA_FPS
     after = np.maximum(times - rng.uniform(0.0, 1.0) / CAMERA_FPS, 0.0)
     flat = np.append(velocity[:2], 0.0)[:2]
@@ -121,7 +121,7 @@ def film(velocity: Array, spin: Array, friction: float, noise: float, rng: np.ra
 def exact_strokes(
     hidden: Hidden, strokes: Sequence[tuple[int, float, float]]
 ) -> dict[tuple[int, float, float], tuple[float, float]]:
-    """Ball speed [m/s] and squirt [rad] of strokes (string, x0_mm, y0_mm) that go without any error."""
+    """Ball speed [m/s] and squirt [rad] of error-free strokes (string, x0_mm, y0_mm)."""
     launcher, strings, out = hidden_launcher(hidden), LauncherModel(), {}
     for string, x0_mm, y0_mm in strokes:
         side, height = 1e-3 * x0_mm + hidden.side_zero, 1e-3 * y0_mm + hidden.height_zero

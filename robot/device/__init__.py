@@ -1,1 +1,1 @@
-"""The launcher at the end of a line: protocol, link, driver, settings, and the calibration of its strings."""
+"""The launcher at a serial port: protocol, link, driver, settings, and the calibration of its strings."""

@@ -1,15 +1,15 @@
-"""The strings' true cue speeds: strokes at several strings, measured by the launcher, written into its settings.
+"""Calibration of the strings' cue speeds, from strokes that the launcher measures itself.
 
 In: a connected launcher and the strings. Out: mean speed and scatter of each string, and a new calibration table.
 
-The launcher reports each stroke's cue speed just before the ball's place (`Done.cue_speed`), so that no ball is needed:
+The launcher reports each stroke's cue speed just before the ball's position (`Done.cue_speed`), so no ball is needed:
 take it away, or catch it. Strings are played in rounds, slowest first: a drift of the drive then adds to the scatter
 and is not mistaken for the law. Each stroke is followed by a retract; any error stops the launcher and ends the
 calibration, and nothing is written.
 
-The table is the mean speed of each string, straight lines between (robot/device/settings.py); speeds must fall from
-string to string. Only strings of the present settings are played: begin with a file without [calibration] for all 200.
-Leaves out what the ball takes of the speed (models/analytic/cue_impulse.py) and a dependence on the stage's position.
+The table holds the mean speed of each string, with linear interpolation (robot/device/settings.py); speeds must fall
+from string to string. Only strings of the current settings are played: start with a file without [calibration] for all
+200. Left out: the speed lost to the ball (models/analytic/cue_impulse.py), and a dependence on the stage's position.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class StringSpeed:
 
     @property
     def mean_sd(self) -> float:
-        """Of the mean, from the scatter [m/s]; nan for a single stroke."""
+        """Standard error of the mean, from the scatter [m/s]; nan for a single stroke."""
         return self.sd / math.sqrt(self.strokes)
 
 
@@ -54,14 +54,14 @@ def measure_strings(
     repeats: int = DEFAULT_REPEATS,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[StringSpeed, ...]:
-    """Home the launcher and strike each string `repeats` times; it is left retracted, tip at the ball's centre.
+    """Home the launcher and strike each string `repeats` times; the cue ends retracted, tip at the ball's centre.
 
     Raises:
-        BadInput: a dry launcher, strings that it may not play or that are fewer than two; nothing has moved.
+        BadInput: a dry run, forbidden strings, or fewer than two; nothing has moved.
         LauncherError: something went wrong; the launcher was stopped.
     """
     if launcher.dry_run:
-        raise BadInput("the launcher is run dry and measures no speed; connect it")
+        raise BadInput("a dry run measures no speed; connect the launcher")
     asked = sorted((string_number(n) for n in strings), reverse=True)
     if len(set(asked)) != len(asked) or len(asked) < 2:
         raise BadInput(f"strings are {list(strings)}; give two or more, each once")
@@ -79,18 +79,18 @@ def measure_strings(
                 launcher.retract()
                 if progress:
                     progress(f"stroke {len(shots)} of {repeats * len(asked)}: {n:03d}p {shots[-1].cue_speed:.3f} m/s")
-    except BaseException:  # an interrupt too: after any error nothing may keep moving
+    except BaseException:  # including an interrupt: after any error all motion must end
         launcher.stop()
         raise
     return summarise(shots)
 
 
 def summarise(shots: Iterable[Done]) -> tuple[StringSpeed, ...]:
-    """Mean speed and scatter of each string, strings rising; BadInput where a stroke has no speed."""
+    """Mean speed and scatter of each string, in rising order; BadInput if a stroke has no speed."""
     found: dict[int, list[float]] = {}
     for shot in shots:
         if not (math.isfinite(shot.cue_speed) and shot.cue_speed > 0):
-            raise BadInput(f"stroke {shot.number} ({shot.string}) has a cue speed of {shot.cue_speed}; leave it out")
+            raise BadInput(f"stroke {shot.number} ({shot.string}) has a cue speed of {shot.cue_speed}; omit it")
         found.setdefault(string_number(shot.string), []).append(shot.cue_speed)
     return tuple(
         StringSpeed(n, float(np.mean(v)), float(np.std(v, ddof=1)) if len(v) > 1 else math.nan, len(v))
@@ -99,13 +99,13 @@ def summarise(shots: Iterable[Done]) -> tuple[StringSpeed, ...]:
 
 
 def speed_table(measured: Sequence[StringSpeed], source: str = "") -> SpeedTable:
-    """The calibration of measured strings; BadInput where a faster string was not measured faster."""
+    """The calibration from measured strings; BadInput if a faster string was not measured faster."""
     ordered = sorted(measured, key=lambda row: row.string)
     for fast, slow in pairwise(ordered):
         if not fast.mean > slow.mean:
             raise BadInput(
                 f"{fast.string:03d}p was measured at {fast.mean:.4g} m/s and {slow.string:03d}p at {slow.mean:.4g}; "
-                "speeds must fall from string to string: take strings farther apart, or more repeats"
+                "speeds must fall from string to string: use strings farther apart, or more repeats"
             )
     strokes = sum(row.strokes for row in ordered)
     source = source or f"{strokes} strokes at {len(ordered)} strings, measured by the launcher"
@@ -114,23 +114,23 @@ def speed_table(measured: Sequence[StringSpeed], source: str = "") -> SpeedTable
 
 
 def calibration_from(shots: Iterable[Done], source: str = "") -> SpeedTable:
-    """A calibration table (strings, speeds [m/s]) of strokes that were made; BadInput where speeds do not fall."""
+    """The calibration table (strings, speeds [m/s]) of measured strokes; BadInput if speeds do not fall."""
     return speed_table(summarise(shots), source)
 
 
 def write_calibration(
     settings_file: Path | str | None, measured: Sequence[StringSpeed], out: Path | str, source: str = ""
 ) -> Settings:
-    """Write a launcher's file with a new [calibration] and all its other values, whole or not at all.
+    """Write a launcher's file with a new [calibration] and its other values, completely or not at all.
 
     Args:
-        settings_file: whose other values are kept, though not its comments; None for the paper's launcher.
+        settings_file: file with the other values, without its comments; None for the paper's launcher.
         measured: of at least two strings.
         out: file to write; may be the same.
-        source: what the file says of where the table comes from.
+        source: the origin of the table, for the file.
 
     Raises:
-        BadInput: no such file, speeds that do not fall, or a place that cannot be written.
+        BadInput: a missing file, speeds that do not fall, or a file that cannot be written.
     """
     old = read_settings(settings_file) if settings_file is not None else Settings()
     new = replace(old, calibration=speed_table(measured, source))
@@ -139,7 +139,7 @@ def write_calibration(
 
 
 def rows(measured: Sequence[StringSpeed], before: SpeedTable) -> list[tuple[str, ...]]:
-    """A table of them beside the calibration before, its head first."""
+    """Rows of a table of the strings with the previous calibration, the head first."""
     head = ("string", "strokes", "cue m/s", "sd of one", "sd of mean", "before", "change %")
     lines = []
     for row in measured:
@@ -151,18 +151,18 @@ def rows(measured: Sequence[StringSpeed], before: SpeedTable) -> list[tuple[str,
 
 
 def text(measured: Sequence[StringSpeed], settings: Settings) -> str:
-    """What a person reads; `settings` are those that it was measured with."""
+    """The text for the user; `settings` are those of the measurement."""
     low, high = settings.limits.cue_speed
     beyond = [f"{r.string:03d}p" for r in measured if not low - 1e-9 <= r.mean <= high + 1e-9]
     lines = [table(rows(measured, settings.calibration))]
     if beyond:
         lines.append(
-            f"outside the limits of {low} to {high} m/s and refused from now on: {', '.join(beyond)}; "
+            f"outside the limits of {low} to {high} m/s and will be refused: {', '.join(beyond)}; "
             "widen [limits] cue_speed in the launcher's file to play them"
         )
     return "\n".join(lines)
 
 
 def result(measured: Sequence[StringSpeed]) -> dict[str, object]:
-    """The same for a JSON file."""
+    """The figures for a JSON file."""
     return {"format": "cuelab-strings/1", "strings": [asdict(r) | {"mean_sd": r.mean_sd} for r in measured]}

@@ -1,7 +1,7 @@
 """The log of exchanges with the launcher: one line of JSON each, appended to a file.
 
-In: events with the time at which they began. Out: lines {"utc", "event", "began", "seconds", ...}, written at once and
-without a buffer, so that the log holds what came before a crash. A full disk is noted and never stops an exchange.
+In: events with their start times. Out: lines {"utc", "event", "began", "seconds", ...}, written immediately and
+unbuffered, so that the log is complete up to a crash. A full disk is noted and never stops an exchange.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from robot.device.settings import Clock
 
 
 class ExchangeLog:
-    """A log file, or none where the path is None."""
+    """A log file; without a path it does nothing."""
 
     def __init__(self, path: Path | str | None, clock: Clock, note: Callable[[str, str], None]) -> None:
-        """A log that is not open yet; `note` gets kind and detail of a failed write."""
+        """Create a log that is not open yet; `note` is called with kind and detail of a failed write."""
         self._path, self._clock, self._note = path, clock, note
         self._file = -1  # descriptor
 
     def open(self) -> None:
-        """Open the file once; BadInput where it cannot be written."""
+        """Open the file once; BadInput if it cannot be written."""
         if self._path is None or self._file >= 0:
             return
         try:
@@ -42,7 +42,7 @@ class ExchangeLog:
         record = {"utc": time.time(), "event": event, "began": began, "seconds": now - began} | facts
         try:
             append_to(self._file, (json.dumps(record) + "\n").encode())
-        except OSError as error:  # a full disk must not keep a stroke's result from its caller
+        except OSError as error:  # a full disk must not prevent the return of a stroke's result
             self._note("log", f"not written: {error.strerror}")
 
     def close(self) -> None:

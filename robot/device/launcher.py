@@ -1,15 +1,15 @@
-"""The driver of the launcher: commands that return what was really done.
+"""The driver of the launcher: its commands return what was actually done.
 
-In: settings, an open link, and the strokes and moves asked for. Out: `Did` and `Done`, or an error that says what did
-not happen (robot/device/outcome.py).
+In: settings, an open link, and the requested strokes and moves. Out: `Did` and `Done`, or an error that states what
+was not done (robot/device/outcome.py).
 
-A stroke takes four steps: query the status, arm the string with the next stroke's number, send 'NNNp', query until the
-launcher is extended. After an 'NNNp' without effect the launcher is still armed, reports so, and is sent it again: the
-number lets it act once at most. When the line fails after 'NNNp' the result cannot be known and StrokeUnknown is
-raised; nothing is sent again then. Retract before the next stroke.
+A stroke takes four steps: query the status, arm the string with the next stroke's number, send 'NNNp', and query until
+the launcher is extended. After an 'NNNp' without effect the launcher is still armed and reports so, and 'NNNp' is sent
+again: the number makes it act at most once. If the line fails after 'NNNp', the result cannot be known and
+StrokeUnknown is raised; nothing is sent again then. Retract before the next stroke.
 
-The stage has backlash: it always approaches its target from below, by way of a point `takeup_mm` below it where
-needed. The yaw is set by hand: `Settings.check_yaw` checks the range of the stand. Leaves out what the ball does.
+The stage has backlash, so it always approaches its target from below, via a point `takeup_mm` below it if necessary.
+The yaw is set by hand; `Settings.check_yaw` checks the range of the stand. Left out: the motion of the ball.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from robot.device.protocol import (
 )
 from robot.device.settings import Settings
 
-MAX_ARMINGS = 3  # of one stroke, where the arming lapsed before the stroke line arrived
-STOP_ARRIVAL_S = 1.0  # until which a stop must have arrived
-SETTLE_STATES = ("IDLE", "EXTENDED")  # in which motions end well
+MAX_ARMINGS = 3  # attempts at a stroke whose arming lapses before the stroke line arrives
+STOP_ARRIVAL_S = 1.0  # longest time for a stop to arrive
+SETTLE_STATES = ("IDLE", "EXTENDED")  # states in which motions end successfully
 REFUSAL_REMEDIES = {
     "NO UNHOMED": "home it first",
     "NO EXTENDED": "retract first",
     "NO FAULT": "reset and home it first",
-    "NO STOPS": "it was stopped again meanwhile; look first",
+    "NO STOPS": "it was stopped again meanwhile; check the launcher first",
 }
 
 
@@ -62,13 +62,13 @@ class Launcher:
     def __init__(
         self, settings: Settings, link: Link | None, *, dry_run: bool = False, say: Callable[[str], None] = print
     ) -> None:
-        """With `dry_run` every command reports what it would send, and sends nothing; then the link may be None."""
+        """Create a driver; with `dry_run` commands report what they would send, send nothing, and need no link."""
         if link is None and not dry_run:
             raise BadInput("link is None; give an open line to the launcher, or dry_run=True")
         self.settings, self.dry_run = settings, dry_run
         self._link, self._say = link, say
         self._known: LauncherStatus | None = None
-        self._taken_up = False  # the stage came from below
+        self._taken_up = False  # whether the stage came from below
         self._dry = LauncherStatus(state="IDLE")
 
     def __enter__(self) -> Launcher:
@@ -90,11 +90,11 @@ class Launcher:
     @property
     def _line(self) -> Link:
         if self._link is None:
-            raise BadInput("this launcher has no link; it can only be run dry")
+            raise BadInput("this launcher has no link; only a dry run is possible")
         return self._link
 
     def connect(self) -> Did:
-        """Open the link where it is closed, greet, and query the status."""
+        """Open the link if it is closed, greet, and query the status."""
         job = self._job()
         if not self.dry_run:
             self._line.open()
@@ -102,11 +102,11 @@ class Launcher:
             job.retries += got.retries
             if got.body == f"OK {UNGUARDED_VERSION}":
                 raise LauncherError(
-                    f"the launcher speaks {UNGUARDED_VERSION} and does not stop when its controller falls silent; "
+                    f"the launcher speaks {UNGUARDED_VERSION} and does not stop if its controller becomes silent; "
                     f"load firmware that speaks {PROTOCOL_VERSION}"
                 )
             if got.body != f"OK {PROTOCOL_VERSION}":
-                raise LauncherError(f"the other end says {got.body!r}; this driver speaks {PROTOCOL_VERSION}")
+                raise LauncherError(f"the other end reports {got.body!r}; this driver speaks {PROTOCOL_VERSION}")
         return self._did(job, "connected", self._ask(job, through_stop=True))
 
     def status(self) -> Did:
@@ -121,11 +121,11 @@ class Launcher:
             return float("nan"), float("nan")
         words = self._line.exchange("FORCE", through_stop=True).body.split(" ")
         if len(words) != 3 or words[0] != "OK" or not (words[1] + words[2]).lstrip("-").isdigit():
-            raise LauncherError(f"the launcher says {' '.join(words)!r} for its force; check its firmware version")
+            raise LauncherError(f"the launcher reports {' '.join(words)!r} for its force; check its firmware version")
         return 1e-3 * int(words[1]), 1e-3 * int(words[2])
 
     def home(self) -> Did:
-        """Bring rack and stage to their switches; their places are known from then on."""
+        """Move rack and stage to their switches, which makes their positions known."""
         job = self._job()
         self._taken_up = False
         self._doing("homing")
@@ -137,11 +137,11 @@ class Launcher:
         return self._did(job, "homed", status)
 
     def move_tip(self, x0_mm: float, y0_mm: float) -> Did:
-        """Put the cue's axis at (x'0, y'0) of the ball's centre, side to the right and height up [mm].
+        """Move the cue's axis to (x'0, y'0) relative to the ball's centre, to the right and up [mm].
 
         Raises:
             BadInput: the tip would slip off, or the stage would leave its range; nothing was sent.
-            LauncherError: it was not reached.
+            LauncherError: the position was not reached.
         """
         target = self.settings.stage_um(x0_mm, y0_mm)
         self._doing("a move of the tip")
@@ -170,7 +170,7 @@ class Launcher:
 
         Raises:
             BadInput: no such string, or its speed is out of the limits; nothing was sent.
-            NotStruck, LauncherStopped, Refused: no stroke was made, for certain.
+            NotStruck, LauncherStopped, Refused: certainly no stroke was made.
             StrokeUnknown: it may have been made.
         """
         n = string_number(string)
@@ -192,7 +192,7 @@ class Launcher:
         )
 
     def retract(self) -> Did:
-        """Bring the cue back after a stroke."""
+        """Retract the cue after a stroke."""
         job = self._job()
         self._doing("the retract")
         self._command(job, "RETRACT")
@@ -204,14 +204,14 @@ class Launcher:
         return self._did(job, "retracted", status)
 
     def stop(self) -> Stopped:
-        """Stop everything now; from any thread."""
+        """Stop everything immediately; may be called from any thread."""
         if self.dry_run:
             self._say("would send !")
             return Stopped(True, 0, 0.0)
         return self._line.stop()
 
     def reset(self) -> Did:
-        """Leave the stopped state, or a fault; the launcher must be homed then. Refused if stopped again meanwhile."""
+        """Leave the stopped state, or a fault; homing is required afterwards. Refused if it was stopped again."""
         job = self._job()
         seen = self._ask(job, through_stop=True)
         self._command(job, f"RESET {seen.stops}", through_stop=True)
@@ -221,7 +221,7 @@ class Launcher:
         return self._did(job, "reset", self._ask(job))
 
     def _release(self, job: _Command, n: int, number: int) -> LauncherStatus | None:
-        """Send 'NNNp' until it has taken effect; the status then, or None when the arming lapsed before."""
+        """Send 'NNNp' until it takes effect; returns the status, or None if the arming lapsed before."""
         name = f"stroke {number} ({n:03d}p)"
         try:
             for _ in range(self.settings.timing.retries + 1):
@@ -247,7 +247,7 @@ class Launcher:
         raise NotStruck(f"{name} was not made: no line had an effect; check the cable")
 
     def _made(self, name: str, n: int, number: int, status: LauncherStatus) -> LauncherStatus:
-        """The status where it reports this stroke as complete; StrokeUnknown otherwise."""
+        """The status if it reports this stroke as complete; StrokeUnknown otherwise."""
         if status.done == number and status.begun == number and status.string == n:
             return status
         why = "; ".join(status.troubles()) or f"the launcher is {status.state} and reports stroke {status.done}"
@@ -261,7 +261,7 @@ class Launcher:
         try:
             while (status := self._ask(job, through_stop=True)).begun < number and status.state != "STOPPED":
                 if self._line.clock.now() > until:
-                    raise StrokeUnknown(f"{name}: the stop does not arrive, it may yet be made; cut the power")
+                    raise StrokeUnknown(f"{name}: the stop does not arrive, it may still be made; cut the power")
                 self._line.clock.sleep(self.settings.timing.poll_s)
             while status.state == "STRIKING" and self._line.clock.now() < until:
                 self._line.clock.sleep(self.settings.timing.poll_s)
@@ -273,26 +273,26 @@ class Launcher:
         return self._made(name, n, number, status)
 
     def _stopped(self, status: LauncherStatus) -> str:
-        """How it came to be stopped."""
+        """The cause of a stop, in words."""
         if status.faults & SILENCE_BIT:
             return f"the launcher {FAULT_BITS[SILENCE_BIT]}"
         by = self._line.elsewhere.stopped_by()
         return f"the launcher was stopped by {by}" if by else "the launcher was stopped"
 
     def _doing(self, what: str) -> None:
-        """For other shells that ask."""
+        """Set the command in progress, for questions of other programs."""
         if not self.dry_run:
             self._line.elsewhere.doing = what
 
     def _settle(self, job: _Command, what: str) -> LauncherStatus:
-        """Wait until a motion has ended; LauncherStopped and LauncherFault where it ended badly."""
+        """Wait until a motion has ended; raises LauncherStopped or LauncherFault if it failed."""
         status = self._wait(job, BUSY_STATES, what)
         if status.state == "STOPPED":
             raise LauncherStopped(f"{self._stopped(status)} during {what}; reset and home")
         if status.state == "FAULT":
             raise LauncherFault(f"{what} failed: {'; '.join(status.troubles()) or 'no reason given'}; reset and home")
         if status.state not in SETTLE_STATES:
-            raise LauncherError(f"{what} was cut short: the launcher is {status.state}; home it")
+            raise LauncherError(f"{what} was interrupted: the launcher is {status.state}; home it")
         return status
 
     def _wait(self, job: _Command, states: tuple[str, ...], what: str) -> LauncherStatus:
@@ -307,14 +307,14 @@ class Launcher:
         return status
 
     def _ask(self, job: _Command, through_stop: bool = False) -> LauncherStatus:
-        """The status; restarts and noise that it reports are noted."""
+        """Query the status, and note reported restarts and noise."""
         if self.dry_run:
             return self._dry
         got = self._line.exchange("STATUS", through_stop=through_stop)
         job.retries += got.retries
         status, before = parse_status(got.body), self._known
         if status is None:
-            raise LauncherError(f"the launcher says {got.body!r} for its status; check its firmware version")
+            raise LauncherError(f"the launcher reports {got.body!r} for its status; check its firmware version")
         self._known = status
         if before is not None and status.boots != before.boots:
             self._taken_up = False
@@ -323,11 +323,11 @@ class Launcher:
             for name in ("dropped", "refused", "stops"):
                 more = getattr(status, name) - getattr(before, name)
                 if more:
-                    self._line.note(name, f"the launcher has counted {more} more {name}")
+                    self._line.note(name, f"the launcher counted {more} further {name}")
         return status
 
     def _command(self, job: _Command, body: str, through_stop: bool = False) -> None:
-        """Send a command; Refused, LauncherStopped or LauncherFault where the launcher refuses it."""
+        """Send a command; raises Refused, LauncherStopped or LauncherFault if the launcher refuses it."""
         if self.dry_run:
             self._say(f"would send {body}")
             return

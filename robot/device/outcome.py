@@ -1,6 +1,6 @@
-"""Results of exchanges and of the launcher's commands, and the errors that say what did not happen.
+"""Results of exchanges and of the launcher's commands, and errors that state what was not done.
 
-In: nothing. Out: the values that robot/device/link.py and launcher.py return, and exceptions of the latter.
+In: nothing. Out: return values of robot/device/link.py and launcher.py, and exceptions of the latter.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ class Refused(LauncherError):
 
 
 class LauncherFault(LauncherError):
-    """The launcher reports a fault of its own; reset it and home it."""
+    """The launcher reports a fault; reset it and home it."""
 
 
 class NotStruck(LauncherError):
-    """The stroke was not made, for certain: the launcher says so, and is disarmed."""
+    """The stroke was certainly not made: the launcher reports it, and is disarmed."""
 
 
 class StrokeUnknown(LauncherError):
-    """It is not known whether, or how, the ball was struck. Inspect the table before any further stroke."""
+    """It is unknown whether, or how, the ball was struck. Inspect the table before any further stroke."""
 
 
 @dataclass(frozen=True)
 class Incident:
-    """Something unusual on the line."""
+    """An unusual event on the line."""
 
-    time: float  # of the link's clock [s]
-    kind: str  # silence, lost, junk, stale, slow, cable, stop, stopped, log, or what launcher.py adds
+    time: float  # by the link's clock [s]
+    kind: str  # silence, lost, junk, stale, slow, cable, stop, stopped, log, or one of launcher.py
     detail: str
 
 
@@ -50,8 +50,8 @@ class Stopped:
 
     confirmed: bool  # the launcher has answered that it stopped
     bytes_sent: int
-    seconds: float  # until that answer, or until the last try
-    interrupted: str = ""  # state that it ended, where the launcher has said so
+    seconds: float  # until that answer, or the last attempt
+    interrupted: str = ""  # state that was interrupted, if the launcher reported it
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,11 @@
-"""The driver of a launcher that takes the paper's 'NNNp' and nothing else.
+"""The driver of a launcher that accepts only the paper's 'NNNp'.
 
-In: settings whose port says `protocol = "paper"`. Out: a `Launcher` whose strokes are written to the port, and whose
-every other command is left to the person at the table. `PAPER_LIMITS` says what cannot be promised then: such a
-launcher is not armed, hears no stop, does not notice a silent controller, and reports nothing.
+In: settings with `protocol = "paper"`. Out: a `Launcher` whose strokes are written to the port, while all other
+commands are left to the person at the table. `PAPER_LIMITS` states what cannot be guaranteed: such a launcher is not
+armed, does not react to a stop or to a silent controller, and reports nothing.
 
-A stroke is written once and waited for as long as its string takes by the calibration. Whether it was made nobody
-knows but the camera. Assumed: the cue comes back by itself.
+A stroke is written once, and the driver waits for its duration by the calibration. Only the camera shows whether it was
+made. Assumed: the cue retracts by itself.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from robot.device.protocol import LauncherStatus, string_number, stroke_line
 from robot.device.settings import Clock, RealClock, Settings
 
 PAPER_LIMITS = (
-    "this launcher takes 'NNNp' alone: no arming guards its strokes, neither robot stop nor a silent controller stops "
+    "this launcher accepts only 'NNNp': no arming guards its strokes, neither robot stop nor a silent controller stops "
     "it, and it reports nothing; keep a hand on the switch of its supply"
 )
-STROKE_PATH_M, STROKE_EXTRA_S = 0.5, 1.0  # of a stroke there and back at its speed, and its run-up: an estimate, large
+STROKE_PATH_M, STROKE_EXTRA_S = 0.5, 1.0  # path of a stroke and back at its speed, and its run-up: a generous estimate
 
 
 class PaperLauncher(Launcher):
-    """A launcher at a port that hears strokes only."""
+    """A launcher at a port that accepts strokes only."""
 
     def __init__(
         self,
@@ -51,21 +51,21 @@ class PaperLauncher(Launcher):
         self._tip_um, self._strokes = (0, 0), 0
 
     def __enter__(self) -> PaperLauncher:
-        """Open the port, and say what cannot be promised."""
+        """Open the port, and warn about what cannot be guaranteed."""
         self.connect()
         return self
 
     def __exit__(self, *why: object) -> None:
-        """Close the port; nothing stops this launcher."""
+        """Close the port; this launcher cannot be stopped."""
         if self._port is not None:
             self._port.close()
             self._port = None
         self._log.close()
         if isinstance(why[1], BaseException) and self._strokes:
-            why[1].add_note("this launcher hears no stop: cut its supply if it moves")
+            why[1].add_note("this launcher does not react to a stop: cut its supply if it moves")
 
     def connect(self) -> Did:
-        """Open the port where it is closed, and say what cannot be promised."""
+        """Open the port if it is closed, and warn about what cannot be guaranteed."""
         if self._port is None:
             try:
                 self._port = self._open_port()
@@ -78,7 +78,7 @@ class PaperLauncher(Launcher):
         return self._made_by_hand("connected")
 
     def status(self) -> Did:
-        """As it was left, for all that is known."""
+        """The last known status."""
         return self._made_by_hand("asked")
 
     def force(self) -> tuple[float, float]:
@@ -86,24 +86,24 @@ class PaperLauncher(Launcher):
         return math.nan, math.nan
 
     def home(self) -> Did:
-        """Left to the person."""
-        raise BadInput("this launcher takes 'NNNp' alone and is not homed from here; home it at the launcher")
+        """Raise BadInput: homing is left to the person."""
+        raise BadInput("this launcher accepts only 'NNNp' and cannot be homed from here; home it at the launcher")
 
     def reset(self) -> Did:
-        """There is nothing to leave."""
-        raise BadInput("this launcher takes 'NNNp' alone and knows no reset; switch it off and on")
+        """Raise BadInput: this launcher has no stopped state."""
+        raise BadInput("this launcher accepts only 'NNNp' and has no reset; switch it off and on")
 
     def move_tip(self, x0_mm: float, y0_mm: float) -> Did:
-        """Have the person put the tip there."""
+        """Ask the person to place the tip."""
         self._tip_um = self.settings.stage_um(x0_mm, y0_mm)
         placed = self._made_by_hand("moved")
         self._say(
-            f"set the tip to {placed.x0_mm:+.2f}, {placed.y0_mm:+.2f} mm by hand: this launcher takes 'NNNp' alone"
+            f"set the tip to {placed.x0_mm:+.2f}, {placed.y0_mm:+.2f} mm by hand: this launcher accepts only 'NNNp'"
         )
         return placed
 
     def strike(self, string: str | int) -> Done:
-        """Write 'NNNp', once, and wait as long as a stroke takes; whether it was made is not known."""
+        """Write 'NNNp', once, and wait for the duration of a stroke; it is unknown whether it was made."""
         n = string_number(string)
         speed = self.settings.check_speed(n)
         if self._port is None:
@@ -112,21 +112,21 @@ class PaperLauncher(Launcher):
         try:
             self._port.write(stroke_line(n))
         except PORT_ERRORS as error:
-            raise StrokeUnknown(f"{n:03d}p may have gone out: {error}; look at the table") from error
+            raise StrokeUnknown(f"{n:03d}p may have been sent: {error}; look at the table") from error
         self._log.write("stroke", began, sent=f"{n:03d}p", error="")
         self._clock.sleep(STROKE_PATH_M / speed + STROKE_EXTRA_S)
-        told = self._made_by_hand("struck")
+        by_hand = self._made_by_hand("struck")
         return Done(
-            f"{n:03d}p", self._strokes, speed, math.nan, math.nan, told.x0_mm, told.y0_mm, began,
-            self._clock.now() - began, 0, ("not confirmed: this launcher takes 'NNNp' alone and reports nothing",),
+            f"{n:03d}p", self._strokes, speed, math.nan, math.nan, by_hand.x0_mm, by_hand.y0_mm, began,
+            self._clock.now() - began, 0, ("not confirmed: this launcher accepts only 'NNNp' and reports nothing",),
         )  # fmt: skip
 
     def retract(self) -> Did:
-        """The cue comes back by itself."""
+        """Do nothing: the cue retracts by itself."""
         return self._made_by_hand("retracted")
 
     def stop(self) -> Stopped:
-        """No line stops it."""
+        """Do nothing: no command stops this launcher."""
         return Stopped(False, 0, 0.0)
 
     def _made_by_hand(self, what: str) -> Did:

@@ -1,11 +1,11 @@
-"""A stop that goes past whatever holds the port: first the byte, which depends on nobody, then its confirmation.
+"""A stop regardless of who holds the port: first the byte, which depends on nothing, then its confirmation.
 
 In: settings. Out: `Stopped`, and who held the port.
 
-The byte is written at once, by a port that is opened without the lock, and again every STOP_WAIT_S until the stop is
-confirmed. Two readers of one port would take each other's bytes: where a program of ours holds it, that is asked
-to stop too, and has confirmed once it has heard the launcher's answer. One that hangs or is suspended reads nothing;
-then, as where nobody holds the port, the answer is read here.
+The byte is written immediately, through a port that is opened without the lock, and again every STOP_WAIT_S until the
+stop is confirmed. Two readers of one port would take each other's bytes, so if one of our programs holds it, that
+program is asked to stop as well, and confirms the launcher's answer. A program that hangs or is suspended reads
+nothing; then, or if nothing holds the port, the answer is read here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from robot.device.port import serial_opener
 from robot.device.relay import STOP, Asked, Holder, begin, this_program
 from robot.device.settings import Settings
 
-HOLDER_CONFIRMS_S = 1.0  # for which the holder of the port may take to hear that the launcher has stopped
+HOLDER_CONFIRMS_S = 1.0  # longest time that the port's holder may take to confirm the stop
 
 
 def stop_past_lock(
@@ -30,19 +30,19 @@ def stop_past_lock(
     """Stop the launcher, whoever holds its port.
 
     Args:
-        settings: whose port it is.
+        settings: with the port.
         log: gets every exchange.
-        asked: the holder to whom the stop was sent before.
+        asked: an earlier question to the holder, if any.
 
     Raises:
-        BadInput: the port cannot be opened, and nobody holds it.
+        BadInput: the port cannot be opened, and nothing holds it.
     """
     port, began = settings.port, time.monotonic()
     link = Link(serial_opener(port, past_lock=True), settings.timing, baud=port.baud, log=log, answers=False)
     closed: BadInput | None = None
     try:
         link.open()
-    except BadInput as error:  # a cable that is out: its holder sends the byte first when it is back
+    except BadInput as error:  # the cable is out: its holder sends the byte first when it is back
         closed = error
     try:
         sent = int(link.halt())

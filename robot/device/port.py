@@ -1,6 +1,6 @@
 """Serial ports to the launcher, as the link reads and writes them.
 
-Unplugging raises termios.error, which is no OSError. Leaves out ports that are not POSIX terminals.
+Unplugging raises termios.error, which is not an OSError. Left out: ports that are not POSIX terminals.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from robot.device.relay import WHO, ask, this_program
 from robot.device.settings import PortSettings
 
 PORT_ERRORS = (OSError, termios.error)  # serial.SerialException is an OSError
-HOLDER_S = 0.5  # of waiting for the holder of a port to say who it is
-READ_SLICE_S = 0.02  # of waiting in a read [s]: how late a stop is seen if it does not wake the reader
+HOLDER_S = 0.5  # longest wait for the name of a port's holder
+READ_SLICE_S = 0.02  # longest wait in a read: the delay of a stop that does not wake the reader
 
 
 class PortHeld(OSError):
-    """Another program has the port."""
+    """Another program holds the port."""
 
 
 class Port(Protocol):
-    """What is used of serial.Serial."""
+    """The part of serial.Serial that is used here."""
 
     @property
-    def name(self) -> str | None: ...  # of the device; none of an emulated line
+    def name(self) -> str | None: ...  # of the device; None for an emulated line
     @property
     def in_waiting(self) -> int: ...
-    def read(self, size: int = 1, /) -> bytes: ...  # fewer bytes when READ_SLICE_S is over or the read is cancelled
+    def read(self, size: int = 1, /) -> bytes: ...  # fewer bytes after READ_SLICE_S or a cancelled read
     def write(self, data: bytes, /) -> int | None: ...
     def cancel_read(self) -> None: ...
     def reset_output_buffer(self) -> None: ...
@@ -36,7 +36,7 @@ class Port(Protocol):
 
 
 def serial_opener(port: PortSettings, *, past_lock: bool = False) -> Callable[[], Port]:
-    """Opens that serial port, for this program alone; `past_lock` also where another program has it."""
+    """Opens a serial port exclusively; with `past_lock` even if another program holds it."""
 
     def opened() -> Port:
         import serial
@@ -48,6 +48,6 @@ def serial_opener(port: PortSettings, *, past_lock: bool = False) -> Callable[[]
             if "lock" not in str(error):
                 raise
             who = ask(port.device, WHO, this_program(), HOLDER_S) or "another program"
-            raise PortHeld(f"{who} holds it; wait for its end, or stop the launcher with: robot stop") from None
+            raise PortHeld(f"{who} holds it; wait until it ends, or stop the launcher with: robot stop") from None
 
     return opened

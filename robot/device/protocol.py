@@ -13,14 +13,14 @@ The checksum is CRC-16/CCITT-FALSE (x^16 + x^12 + x^5 + 1, start FFFF) over all 
 every error of up to three bits in a frame, and one in 65536 of all others passes. Bodies hold upper-case letters,
 digits, blanks, '.' and '-', so that neither a stroke nor a stop can stand inside a frame that arrives unharmed.
 
-'NNNp' has no checksum, and so it never acts alone: `ARM NNN K` goes before it in a frame, where K is one more than the
-number of strokes ever begun. Armed, the launcher strikes on this very NNN, once, and is disarmed by it; K makes a
-second stroke of the same number impossible for ever, however often either line is sent, and whoever sends it.
+'NNNp' has no checksum, and so it never acts alone: a frame `ARM NNN K` precedes it, where K is one more than the number
+of strokes ever begun. When armed, the launcher strikes on exactly this NNN, once, and is then disarmed; K makes a
+second stroke of the same number impossible, however often either line is sent, and by whom.
 
-A launcher in one of GUARDED_STATES stops by itself once it has heard no undamaged frame for SILENCE_S: its controller
-was killed, hangs, or its cable is out. A controller that waits for a late reply sends a beat every BEAT_S, so that
-three lines in a row may be lost.
-Leaves out encryption and addressing: one launcher at the end of one cable.
+A launcher in one of GUARDED_STATES stops on its own if it receives no undamaged frame for SILENCE_S: its controller was
+killed, hangs, or its cable is out. A controller that waits for a late reply sends a beat every BEAT_S, so that three
+successive lines may be lost.
+Left out: encryption and addressing, since a cable connects one launcher.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from dataclasses import dataclass
 from models.errors import BadInput
 
 PROTOCOL_VERSION = "CUELAB 2"
-PROTOCOLS = CUELAB, PAPER = "cuelab", "paper"  # this one, and 'NNNp' alone
-UNGUARDED_VERSION = "CUELAB 1"  # which does not stop when its controller is gone
+PROTOCOLS = CUELAB, PAPER = "cuelab", "paper"  # this protocol, and 'NNNp' alone
+UNGUARDED_VERSION = "CUELAB 1"  # version that does not stop without its controller
 STOP_BYTE = b"!"
 FIRST_STRING, LAST_STRING = 1, 200  # strings of the paper
 UNSOLICITED_SEQUENCE = 0  # sequence number of the greeting, of beats, and of messages without a request
-BEAT = "ALIVE"  # body of a beat
-SILENCE_S = 0.4  # without an undamaged frame [s], after which a guarded launcher stops by itself
-BEAT_S = 0.08  # between beats [s]
+BEAT_BODY = "ALIVE"  # body of a beat
+SILENCE_S = 0.4  # time without an undamaged frame after which a guarded launcher stops on its own
+BEAT_S = 0.08  # interval of beats
 MAX_SEQUENCE = 0xFFFF
-MAX_FRAME_BYTES = 96  # in a frame
+MAX_FRAME_BYTES = 96  # longest frame
 LAUNCHER_STATES = ("UNHOMED", "IDLE", "MOVING", "ARMED", "STRIKING", "EXTENDED", "RETRACTING", "STOPPED", "FAULT")
-BUSY_STATES = ("MOVING", "STRIKING", "RETRACTING")  # which end without a command
-GUARDED_STATES = (*BUSY_STATES, "ARMED")  # in which a controller has to be heard
-SILENCE_BIT = 8  # of FAULT_BITS
+BUSY_STATES = ("MOVING", "STRIKING", "RETRACTING")  # states that end without a command
+GUARDED_STATES = (*BUSY_STATES, "ARMED")  # states that require frames from a controller
+SILENCE_BIT = 8  # a bit of FAULT_BITS
 FAULT_BITS = {
     1: "the stage is stuck",
     2: "the rack did not come back",
@@ -58,15 +58,15 @@ FRAME_PATTERN = re.compile(rb"([:=][0-9A-F]{4} [A-Z0-9.\- ]{1,80})\*([0-9A-F]{4}
 
 
 class LauncherError(RuntimeError):
-    """What the launcher did not do, and why, in one line. What it did is known, unless the class says otherwise."""
+    """What the launcher did not do, and why, in one line. Its actions are known, unless the class states otherwise."""
 
 
 class LinkLost(LauncherError):
-    """The launcher does not answer, or its cable is out: what it does now is not known."""
+    """The launcher does not answer, or its cable is out, so that its state is unknown."""
 
 
 class LauncherStopped(LauncherError):
-    """The launcher is stopped; only a reset lets it go on."""
+    """The launcher is stopped; it continues only after a reset."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Message:
 
 @dataclass(frozen=True)
 class StrokeLine:
-    """An 'NNNp' that arrived, whether or not it may act."""
+    """An 'NNNp' that arrived, whether it acts or not."""
 
     string: int
 
@@ -94,31 +94,31 @@ Arrival = Message | StrokeLine | StopByte
 
 @dataclass(frozen=True)
 class LauncherStatus:
-    """What the launcher reports."""
+    """The launcher's status report."""
 
     state: str = "UNHOMED"  # one of LAUNCHER_STATES
-    boots: int = 0  # times it was switched on; another number says that it has forgotten where its stage is
-    stops: int = 0  # stops ever, by the byte or by silence; a reset must name it
-    begun: int = 0  # strokes ever begun; kept without power, written before the first pulse
-    done: int = 0  # number of the last stroke that ran to its end
+    boots: int = 0  # number of starts; after another start the position of its stage is unknown
+    stops: int = 0  # number of stops ever, by the byte or by silence; a reset must name it
+    begun: int = 0  # strokes ever begun; stored without power, written before the first pulse
+    done: int = 0  # number of the last completed stroke
     armed: int = 0  # string that may strike now, 0 for none
-    x_um: int = 0  # stage, from home [micrometre]
+    x_um: int = 0  # stage position, from home [micrometre]
     y_um: int = 0
     string: int = 0  # of the last stroke done, 0 for none
     speed_um_s: int = 0  # of the cue at the ball, measured in that stroke [micrometre/s]
     force_mn: int = 0  # peak of that stroke [millinewton]
-    dropped: int = 0  # bytes thrown away since it was switched on: noise, frames with a wrong checksum
-    refused: int = 0  # 'NNNp' refused since then
+    dropped: int = 0  # bytes discarded since it was switched on: noise, frames with a wrong checksum
+    refused: int = 0  # number of refused 'NNNp' since then
     faults: int = 0  # bits of FAULT_BITS
 
     @property
     def cue_speed(self) -> float:
-        """Of the last stroke done, measured [m/s]."""
+        """Measured cue speed of the last completed stroke [m/s]."""
         return self.speed_um_s * 1e-6
 
     @property
     def peak_force(self) -> float:
-        """Of the last stroke done, measured [N]."""
+        """Measured peak force of the last completed stroke [N]."""
         return self.force_mn * 1e-3
 
     def troubles(self) -> tuple[str, ...]:
@@ -142,7 +142,7 @@ def frame(lead: str, sequence: int, body: str) -> bytes:
 
 
 def unframe(line: bytes) -> Message | None:
-    """The message of a line without its newline; None where it was damaged."""
+    """The message of a line without its newline; None if it is damaged."""
     found = FRAME_PATTERN.fullmatch(line)
     if found is None or checksum(found[1]) != int(found[2], 16):
         return None
@@ -150,12 +150,12 @@ def unframe(line: bytes) -> Message | None:
 
 
 def stop_notice(stops: int, interrupted: str) -> bytes:
-    """The answer to a stop byte: how many stops there have been, and the state that the first since a reset ended."""
+    """The answer to a stop byte: the number of stops, and the state that the first one since a reset interrupted."""
     return frame("=", UNSOLICITED_SEQUENCE, f"STOPPED {stops} {interrupted}")
 
 
 def interrupted_state(message: Message) -> str | None:
-    """The state that a stop ended, where this is a stop's answer; None where it is none."""
+    """The interrupted state, if this is the answer to a stop; None otherwise."""
     words = message.body.split(" ")
     if message.sequence != UNSOLICITED_SEQUENCE or words[0] != "STOPPED":
         return None
@@ -163,12 +163,12 @@ def interrupted_state(message: Message) -> str | None:
 
 
 def next_sequence(sequence: int) -> int:
-    """The number after this one; 0 is left out."""
+    """The next number; 0 is skipped."""
     return sequence % MAX_SEQUENCE + 1
 
 
 def string_number(string: str | int) -> int:
-    """47 for '047p', '047' or 47; BadInput for what is none of the paper's strings."""
+    """The number of a string: 47 for '047p', '047' or 47; BadInput for anything else."""
     text = f"{string:03d}" if isinstance(string, int) and not isinstance(string, bool) else str(string)
     digits = text.removesuffix("p")
     if not (len(digits) == 3 and digits.isascii() and digits.isdigit() and FIRST_STRING <= int(digits) <= LAST_STRING):
@@ -187,7 +187,7 @@ def status_body(status: LauncherStatus) -> str:
 
 
 def parse_status(body: str) -> LauncherStatus | None:
-    """The status in a reply's body; None where it is none."""
+    """The status in a reply's body; None if it is not one."""
     words = body.split(" ")
     fields = dataclasses.fields(LauncherStatus)
     if len(words) != len(fields) + 1 or words[0] != "OK" or words[1] not in LAUNCHER_STATES:
@@ -198,37 +198,37 @@ def parse_status(body: str) -> LauncherStatus | None:
 
 
 class Reader:
-    """Bytes in, arrivals out, in order; what makes no sense is counted and thrown away.
+    """Parses bytes into arrivals, in order; invalid bytes are counted and discarded.
 
-    A lead byte always begins a new frame, so that after any garbage the next whole frame is read. An 'NNNp' counts with
-    three digits exactly and only outside a frame: a digit too many, or too few, is noise.
+    A lead byte always starts a new frame, so that after any garbage the next complete frame is read. An 'NNNp' counts
+    only with exactly three digits and outside a frame: more or fewer digits are noise.
     """
 
     def __init__(self, lead: str, *, commands: bool) -> None:
-        """Begin outside a frame.
+        """Create a reader outside a frame.
 
         Args:
             lead: of the frames to read, ":" or "=".
-            commands: strokes and stop bytes count, as they do for the launcher.
+            commands: whether strokes and stop bytes count, as for the launcher.
         """
         self._lead, self._commands = ord(lead), commands
         self._held = bytearray()
         self._framed = False
-        self.dropped = 0  # bytes
+        self.dropped = 0  # number of bytes
 
     @property
     def waiting(self) -> bool:
-        """A line is under way."""
+        """Whether a line is incomplete."""
         return bool(self._held)
 
     def forget(self) -> None:
-        """Throw away the line under way."""
+        """Discard the incomplete line."""
         self.dropped += len(self._held)
         self._held.clear()
         self._framed = False
 
     def feed(self, data: bytes) -> list[Arrival]:
-        """Arrivals that these bytes complete."""
+        """The arrivals that these bytes complete."""
         found: list[Arrival] = []
         for byte in data:
             if self._commands and byte == STOP_BYTE[0]:

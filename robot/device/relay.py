@@ -1,11 +1,12 @@
-"""What the holder of a port tells other shells, and does for them: a stop, the launcher's status, who it is.
+"""Service of a port's holder for other programs: a stop, the launcher's status, its own name.
 
-In: the port's name, and what answers a request. Out: a local socket, named after the port, that lives as long as the
-link; one JSON object answers each line. Asked from elsewhere: `ask`, which returns None where nobody holds the port.
+In: the port's name, and a function that answers requests. Out: a local socket, named after the port, that exists as
+long as the link; one JSON object answers each line. Other programs use `ask`, which returns None if nothing holds the
+port.
 
-A stop never depends on it: `robot stop` writes its byte to the port first (robot/device/past_lock.py). But two readers
-of one port take each other's bytes, so that the holder is asked to listen for the answer. Sockets are in Linux's
-abstract namespace, which leaves nothing behind; elsewhere nobody is found, and the stop listens for itself.
+A stop never depends on it: `robot stop` first writes its byte to the port (robot/device/past_lock.py). But two readers
+of one port take each other's bytes, so the holder is asked to read the answer. Sockets are in Linux's abstract
+namespace, which leaves no files; on other systems no holder is found, and the stop reads the answer itself.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 STOP, STATUS, WHO = "stop", "status", "who"
-MAX_BYTES = 4096  # of a request or an answer
-Answer = Callable[[str, str], dict[str, Any]]  # to a request, asked by somebody
+MAX_BYTES = 4096  # longest request or answer
+Answer = Callable[[str, str], dict[str, Any]]  # (request, name of the asking program) -> answer
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Holder:
     """The program that holds a port, and its answer."""
 
     process: int
-    title: str  # as its command line begins
+    title: str  # beginning of its command line
     answer: dict[str, Any] | None = field(default=None)  # None: it did not answer in time
 
     def __str__(self) -> str:
@@ -42,7 +43,7 @@ class Holder:
 
 
 def _names(device: str) -> list[bytes]:
-    """Addresses of a port: as it is called, and as what it leads to."""
+    """Addresses of a port: by its name, and by the device that it links to."""
     if sys.platform != "linux":
         return []
     paths = dict.fromkeys((os.path.abspath(device), os.path.realpath(device)))
@@ -50,10 +51,10 @@ def _names(device: str) -> list[bytes]:
 
 
 class Relay:
-    """Answers other shells while a port is held."""
+    """Answers other programs while a port is held."""
 
     def __init__(self, device: str, answer: Answer) -> None:
-        """Listen, in threads of its own."""
+        """Start listening, in its own threads."""
         self._answer = answer
         self._serving: list[threading.Thread] = []
         self._woken, self._wake = socket.socketpair()
@@ -63,7 +64,7 @@ class Relay:
             try:
                 listening.bind(name)
                 listening.listen(8)
-            except OSError:  # another program's, of a terminal that had this number before
+            except OSError:  # belongs to another program, for a terminal that had this number before
                 listening.close()
             else:
                 self._listening.append(listening)
@@ -71,7 +72,7 @@ class Relay:
         self._thread.start()
 
     def close(self, wait_s: float = 2.0) -> None:
-        """Listen no more, with the names free again; who has asked by now is answered."""
+        """Stop listening and free the names; pending questions are answered."""
         self._wake.send(b"x")
         self._thread.join(wait_s)
         for thread in self._serving:
@@ -99,14 +100,14 @@ class Relay:
 
 @dataclass(frozen=True)
 class Asked:
-    """A question to the holder of a port that is on its way."""
+    """A pending question to the holder of a port."""
 
     process: int
     title: str
     _connection: socket.socket
 
     def answered(self, timeout_s: float) -> Holder:
-        """The holder, with its answer where that comes in time."""
+        """The holder, with its answer if that comes in time."""
         with self._connection:
             self._connection.settimeout(timeout_s)
             try:
@@ -117,11 +118,11 @@ class Asked:
 
 
 def begin(device: str, request: str, by: str) -> Asked | None:
-    """Ask the holder of a port, and do not wait; None where there is none that answers to this name."""
+    """Ask the holder of a port without waiting; None if no program answers to this name."""
     for name in _names(device):
         asking = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            asking.setblocking(False)  # a holder with too many questions waiting is as good as one that hangs
+            asking.setblocking(False)  # a holder with too many pending questions counts as hung
             asking.connect(name)
             process = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))[0]
             asking.sendall(f"{request} {by}\n".encode())
@@ -133,13 +134,13 @@ def begin(device: str, request: str, by: str) -> Asked | None:
 
 
 def ask(device: str, request: str, by: str, timeout_s: float) -> Holder | None:
-    """Ask the holder of a port, and wait; None where there is none."""
+    """Ask the holder of a port, and wait for the answer; None if there is no holder."""
     asked = begin(device, request, by)
     return None if asked is None else asked.answered(timeout_s)
 
 
 def _line(connection: socket.socket) -> str:
-    """A line that the other end sends; OSError where it takes too long."""
+    """A line from the other end; OSError if it takes too long."""
     data = b""
     while not data.endswith(b"\n") and len(data) < MAX_BYTES and (more := connection.recv(MAX_BYTES)):
         data += more
@@ -147,7 +148,7 @@ def _line(connection: socket.socket) -> str:
 
 
 def this_program() -> str:
-    """This process, as others name it."""
+    """This process's name for other programs."""
     return str(Holder(os.getpid(), _title(os.getpid())))
 
 

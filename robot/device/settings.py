@@ -4,11 +4,11 @@ In: the file, or defaults. Out: `Settings`, which checks strings, yaw and tip po
 
 The paper gives two points of the law from string to cue speed, '001p' 2.75 m/s and '200p' 0.30 m/s (Robotic Billiards
 2015, section V); the line through them is the default table. A launcher's measured table replaces it: strings rising,
-cue speeds falling, straight lines between. Outside its first and last string nothing is known and nothing is played.
+cue speeds falling, linear interpolation. Strings outside the table are unknown and never played.
 
-The contact point lies R / (R + r_tip) nearer to the ball's centre than the cue's axis, where R is the ball's radius and
-r_tip that of the tip's dome; the stage moves in the vertical plane, so that the stage's y is y'0 / cos(tilt). Leaves
-out a drift of the speed with temperature, and a dependence of the speed on the stage's position.
+The contact point's offset from the ball's centre is R / (R + r_tip) times that of the cue's axis, where R is the ball's
+radius and r_tip that of the tip's dome; the stage moves in the vertical plane, so that the stage's y is
+y'0 / cos(tilt). Left out: a drift of the speed with temperature, and a dependence of the speed on the stage's position.
 """
 
 from __future__ import annotations
@@ -36,33 +36,33 @@ PAPER_SOURCE = "the line through the two figures of Robotic Billiards (2015), se
 
 @dataclass(frozen=True)
 class PortSettings:
-    """Where the launcher is, and what it speaks."""
+    """The launcher's port and protocol."""
 
     device: str = "/dev/ttyUSB0"
     protocol: str = CUELAB  # or "paper": the paper's 'NNNp' alone (robot/device/paper.py)
-    baud: Annotated[int, Allowed(4800, 921600, "bit/s")] = 19200  # the paper names none; slower, beats take the line
+    baud: Annotated[int, Allowed(4800, 921600, "bit/s")] = 19200  # the paper states none; beats need this rate
 
     def __post_init__(self) -> None:
-        """BadInput where it is no name."""
+        """Raise BadInput for an invalid name."""
         if not self.device or "\0" in self.device:
-            raise BadInput(f"device = {shown(self.device)} is no port: write the name of one")
+            raise BadInput(f"device = {shown(self.device)} is not a port: write the name of one")
         if self.protocol not in PROTOCOLS:
-            raise BadInput(f"protocol = {shown(self.protocol)} is none: write {' or '.join(map(repr, PROTOCOLS))}")
+            raise BadInput(f"protocol = {shown(self.protocol)} is unknown: write {' or '.join(map(repr, PROTOCOLS))}")
 
 
 @dataclass(frozen=True)
 class Timing:
     """Time-outs and numbers of retries."""
 
-    reply_s: Annotated[float, Allowed(0.01, 10, "s")] = 0.25  # of silence until a request is sent again
-    retries: Annotated[int, Allowed(0, 50, "1")] = 5  # of one request, and of one stroke line
-    poll_s: Annotated[float, Allowed(0.001, 0.1, "s")] = 0.02  # between questions in a motion; well within SILENCE_S
-    motion_s: Annotated[float, Allowed(0.1, 600, "s")] = 30  # after which a motion counts as hung
-    reconnect_s: Annotated[float, Allowed(0, 600, "s")] = 5  # for a disconnected cable to come back
+    reply_s: Annotated[float, Allowed(0.01, 10, "s")] = 0.25  # silence after which a request is sent again
+    retries: Annotated[int, Allowed(0, 50, "1")] = 5  # for a request, and for a stroke line
+    poll_s: Annotated[float, Allowed(0.001, 0.1, "s")] = 0.02  # between queries of a motion; well within SILENCE_S
+    motion_s: Annotated[float, Allowed(0.1, 600, "s")] = 30  # time after which a motion counts as hung
+    reconnect_s: Annotated[float, Allowed(0, 600, "s")] = 5  # wait for a disconnected cable
 
 
 class Clock(Protocol):
-    """A clock that waits; tests use one that does not."""
+    """A clock that can wait; tests use a virtual one."""
 
     def now(self) -> float: ...  # [s], from any start
     def sleep(self, seconds: float) -> None: ...
@@ -72,7 +72,7 @@ class RealClock:
     """The machine's."""
 
     def now(self) -> float:
-        """Seconds, never set back."""
+        """Monotonic time in seconds."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
@@ -82,31 +82,31 @@ class RealClock:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of what may be commanded."""
+    """Limits of commands."""
 
-    x_mm: Annotated[tuple[float, float], Allowed(-25, 25, "mm", shape=(2,))] = (-20.0, 20.0)  # of the stage, from home
+    x_mm: Annotated[tuple[float, float], Allowed(-25, 25, "mm", shape=(2,))] = (-20.0, 20.0)  # of the stage from home
     y_mm: Annotated[tuple[float, float], Allowed(-25, 25, "mm", shape=(2,))] = (-20.0, 20.0)
     cue_speed: Annotated[tuple[float, float], Allowed(0.05, 5, "m/s", shape=(2,))] = (0.30, 2.75)
-    offset: Annotated[float, Allowed(0, 0.6, "1")] = 0.5  # of the contact point over the radius; beyond, the tip slips
-    yaw_deg: Annotated[tuple[float, float], Allowed(-180, 180, "deg", shape=(2,))] = (-180.0, 180.0)  # by hand
+    offset: Annotated[float, Allowed(0, 0.6, "1")] = 0.5  # of the contact over the radius; beyond it the tip slips
+    yaw_deg: Annotated[tuple[float, float], Allowed(-180, 180, "deg", shape=(2,))] = (-180.0, 180.0)  # turned by hand
 
     def __post_init__(self) -> None:
-        """BadInput for a range that ends before it begins."""
+        """Raise BadInput for a range that ends before it begins."""
         for key in ("x_mm", "y_mm", "cue_speed", "yaw_deg"):
             low, high = getattr(self, key)
             if low > high:
-                raise BadInput(f"{key} = [{low}, {high}] is no range: give the smaller one first")
+                raise BadInput(f"{key} = [{low}, {high}] is not a range: give the smaller number first")
 
 
 @dataclass(frozen=True)
 class Stage:
-    """How the tip is placed."""
+    """Geometry of the tip and the stage."""
 
     zero_x_mm: Annotated[float, Allowed(-25, 25, "mm")] = (
         0.0  # stage position at which the axis meets the ball's centre
     )
     zero_y_mm: Annotated[float, Allowed(-25, 25, "mm")] = 0.0
-    takeup_mm: Annotated[float, Allowed(0, 5, "mm")] = 0.4  # passed below the target: more than the backlash
+    takeup_mm: Annotated[float, Allowed(0, 5, "mm")] = 0.4  # overshoot below the target: more than the backlash
     step_um: Annotated[float, Allowed(0.1, 1000, "um")] = 10  # requested and reported positions agree within this
     tilt_deg: Annotated[float, Allowed(0, 30, "deg")] = 6.5  # of the cue (Robotic Billiards 2015)
     ball_radius_mm: Annotated[float, Allowed(10, 50, "mm")] = 26.25
@@ -122,14 +122,14 @@ class SpeedTable:
     source: str = ""
 
     def __post_init__(self) -> None:
-        """BadInput where it is no falling table."""
+        """Raise BadInput for a table that does not fall."""
         n, v = np.array(self.strings, float), np.array(self.speeds, float)
         if n.ndim != 1 or len(n) < 2 or n.shape != v.shape:
             raise BadInput(f"calibration has {n.size} strings and {v.size} speeds; give as many, two or more")
         if not (np.all(np.diff(n) > 0) and n[0] >= FIRST_STRING and n[-1] <= LAST_STRING and np.all(n == np.round(n))):
             raise BadInput(
                 f"calibration strings are {list(self.strings)}; "
-                f"give whole numbers, rising, {FIRST_STRING} to {LAST_STRING}"
+                f"give rising whole numbers, {FIRST_STRING} to {LAST_STRING}"
             )
         if not (np.all(np.isfinite(v)) and np.all(np.diff(v) < 0) and v[-1] > 0 and v[0] <= 10):
             raise BadInput(
@@ -137,7 +137,7 @@ class SpeedTable:
             )
 
     def cue_speed(self, string: int) -> float:
-        """Of a string [m/s]; BadInput outside the table."""
+        """Cue speed of a string [m/s]; BadInput outside the table."""
         if not self.strings[0] <= string <= self.strings[-1]:
             raise BadInput(
                 f"string {string:03d}p is not calibrated; choose {self.strings[0]:03d}p to {self.strings[-1]:03d}p"
@@ -148,7 +148,7 @@ class SpeedTable:
         """The string nearest to a cue speed [m/s]; BadInput outside the table."""
         slack = 1e-9
         if not self.speeds[-1] - slack <= cue_speed <= self.speeds[0] + slack:
-            raise BadInput(f"cue speed is {cue_speed} m/s; the calibration holds {self.speeds[-1]} to {self.speeds[0]}")
+            raise BadInput(f"cue speed is {cue_speed} m/s; calibrated are {self.speeds[-1]} to {self.speeds[0]}")
         place = float(np.interp(cue_speed, self.speeds[::-1], self.strings[::-1]))
         around = {max(math.floor(place), self.strings[0]), min(math.ceil(place), self.strings[-1])}
         return min(sorted(around), key=lambda n: abs(self.cue_speed(n) - cue_speed))
@@ -170,22 +170,22 @@ class Settings:
         return dataclasses.replace(self, calibration=table)
 
     def check_speed(self, string: int) -> float:
-        """Cue speed of a string [m/s]; BadInput where it is not calibrated or out of the limits."""
+        """Cue speed of a string [m/s]; BadInput if it is not calibrated, or beyond the limits."""
         speed, (low, high) = self.calibration.cue_speed(string), self.limits.cue_speed
         if not low - 1e-9 <= speed <= high + 1e-9:
-            raise BadInput(f"string {string:03d}p gives {speed:.4g} m/s of the cue; the limits are {low} to {high}")
+            raise BadInput(f"string {string:03d}p gives a cue speed of {speed:.4g} m/s; the limits are {low} to {high}")
         return speed
 
     def check_yaw(self, theta_deg: float) -> float:
-        """An azimuth that the stand can be turned to by hand [deg], within -180 to 180; BadInput otherwise."""
+        """The azimuth within -180 to 180 [deg], if the stand can be turned to it by hand; BadInput otherwise."""
         low, high = self.limits.yaw_deg
         turned = math.remainder(theta_deg, 360.0) if math.isfinite(theta_deg) else math.nan
         if not low <= turned <= high:
-            raise BadInput(f"yaw is {theta_deg} degrees; the stand turns {low} to {high}")
+            raise BadInput(f"yaw is {theta_deg} degrees; the stand's range is {low} to {high}")
         return turned
 
     def stage_um(self, x0_mm: float, y0_mm: float) -> tuple[int, int]:
-        """Stage position (x, y) [micrometre] that puts the cue's axis at (x'0, y'0) [mm] of the ball's centre.
+        """Stage position (x, y) [micrometre] for the cue's axis at (x'0, y'0) [mm] from the ball's centre.
 
         Raises:
             BadInput: the tip would slip off the ball, or the stage would leave its range.
@@ -214,10 +214,10 @@ class Settings:
 
 
 def read_settings(path: Path | str) -> Settings:
-    """Read a launcher's file; BadInput names what is wrong in it."""
+    """Read a launcher's file; BadInput names its faults."""
     return read_toml(path, Settings, SETTINGS_FORMAT, "name a launcher's TOML file")
 
 
 def write_settings(settings: Settings, path: Path | str) -> None:
-    """Write a launcher's file, whole or not at all."""
+    """Write a launcher's file, completely or not at all."""
     write_whole(path, tomli_w.dumps({"format": SETTINGS_FORMAT, **dataclasses.asdict(settings)}).encode())

@@ -1,7 +1,7 @@
 """Signals that end a program stop the launcher first.
 
-In: what stops it at once. Out: KeyboardInterrupt or `Terminated`, after the stop. SIGKILL leaves no time; then the
-launcher stops by itself, as it hears nothing any more (robot/device/protocol.py).
+In: a function that stops it immediately. Out: KeyboardInterrupt or `Terminated`, after the stop. After SIGKILL the
+launcher stops on its own, as it receives no more frames (robot/device/protocol.py).
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from models.interrupts import ENDING_SIGNALS, Terminated
 
 
 class StopOnSignals:
-    """Handlers of these signals, while a line is open; those that nohup or a shell ignores stay ignored."""
+    """Handlers of these signals while a link is open; signals ignored by nohup or a shell stay ignored."""
 
     def __init__(self, halt: Callable[[], object]) -> None:
-        """Nothing is handled yet; `halt` is called in the handler and must not wait."""
+        """Create the handlers; `halt` is called in them and must not wait."""
         self._halt = halt
         self._before: dict[signal.Signals, Any] = {}
 
     def install(self) -> None:
-        """Handle them, in the main thread; elsewhere Python allows none."""
+        """Install the handlers, in the main thread only, as Python requires."""
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, *ENDING_SIGNALS):
                 if signal.getsignal(number) != signal.SIG_IGN or number == signal.SIGINT:
                     self._before[number] = signal.signal(number, self._on_signal)
 
     def remove(self) -> None:
-        """What was before."""
+        """Restore the previous handlers."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
         self._before.clear()

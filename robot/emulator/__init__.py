@@ -1,1 +1,1 @@
-"""The launcher and its table without hardware: firmware, faults on request, and a table with hidden constants."""
+"""Emulation without hardware: the launcher's firmware, faults on request, and a table with hidden constants."""

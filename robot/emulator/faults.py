@@ -1,9 +1,9 @@
-"""Faults of the line and of the launcher, injected on request: how often, which, and from which seed.
+"""Injection of faults of the line and of the launcher, with a rate, kinds, and a seed.
 
-In: a rate, the kinds of fault, random numbers. Out: what is left of each line, and `done`, the list of injected faults,
-with which a test checks that all were noticed. A line sent to the launcher suffers a fault with probability `rate`,
-drawn among those that apply to it. Faults of the reply wait for the next reply. Leaves out bursts: one fault a line, as
-a marginal cable gives.
+In: a rate, the kinds of fault, random numbers. Out: each line after its fault, and `done`, the list of injected faults,
+with which a test checks that all were noticed. A line to the launcher gets a fault with probability `rate`, drawn among
+the applicable ones. Faults of a reply apply to the next reply. Left out: bursts; a line gets one fault, as with a
+marginal cable.
 """
 
 from __future__ import annotations
@@ -14,42 +14,42 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import BadInput
-from robot.device.protocol import BEAT
+from robot.device.protocol import BEAT_BODY
 
 REQUEST_FAULTS = ("silent-up", "garbage-up", "dropped-up", "flipped-up")  # to the launcher
 REPLY_FAULTS = ("silent-down", "garbage-down", "partial-down", "dropped-down", "flipped-down", "slow")  # its reply
 DEVICE_FAULTS = ("restart", "stuck", "pulled")
 FAULT_KINDS = REQUEST_FAULTS + REPLY_FAULTS + DEVICE_FAULTS
 REPLY_DELAY_S = (0.12, 0.8)  # delay of a reply
-CABLE_OUT_S = (0.05, 1.0)  # time for which a cable stays out
-RESTART_DELAY_S = (0.0, 0.6)  # after the line, so that it may come in mid-stroke
+CABLE_OUT_S = (0.05, 1.0)  # duration of a disconnection
+RESTART_DELAY_S = (0.0, 0.6)  # delay after the line, so that it may occur during a stroke
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that was injected."""
+    """An injected fault."""
 
     time: float  # [s]
     kind: str
-    line: bytes  # to which it was done
+    line: bytes  # the affected line
 
 
 @dataclass(frozen=True)
 class Spoiled:
-    """What is left of a line, and what else happens."""
+    """A line after its fault, and further consequences."""
 
     data: bytes
     delay: float = 0.0  # [s]
-    restart: float | None = None  # of the launcher, after that time [s]
+    restart: float | None = None  # delay of a restart of the launcher [s]
     stuck: bool = False
-    out: float = 0.0  # time for which the cable is out, from now [s]
+    out: float = 0.0  # duration of a disconnection, from now [s]
 
 
 class FaultInjection:
-    """Draws faults; with `rate` 0 there are none, until one is asked for by `force`."""
+    """Draws faults; with `rate` 0 there are none, except those requested by `force`."""
 
     def __init__(self, rate: float, rng: np.random.Generator, kinds: Sequence[str] = FAULT_KINDS) -> None:
-        """A rate a line, 0 to 1, and the kinds that may come."""
+        """Set the rate per line, 0 to 1, and the possible kinds."""
         if not 0 <= rate <= 1:
             raise BadInput(f"rate of faults is {rate}; give 0 to 1")
         for kind in kinds:
@@ -61,11 +61,11 @@ class FaultInjection:
         self.done: list[Fault] = []
 
     def force(self, *kinds: str) -> None:
-        """The next lines suffer these, in this order, each the first line that it possible befall."""
+        """Apply these faults in order, each to the next line to which it can apply."""
         self._forced.extend(kinds)
 
     def request(self, now: float, line: bytes) -> Spoiled:
-        """A line on its way to the launcher."""
+        """Process a line to the launcher."""
         self._reply = None
         kind = self._draw(line)
         if kind is None:
@@ -83,7 +83,7 @@ class FaultInjection:
         return Spoiled(self._spoil(kind, line))
 
     def reply(self, line: bytes) -> Spoiled:
-        """A line on its way back."""
+        """Process a line from the launcher."""
         kind, self._reply = self._reply, None
         if kind is None or not line:
             return Spoiled(line)
@@ -95,7 +95,7 @@ class FaultInjection:
 
     def _draw(self, line: bytes) -> str | None:
         framed = line.startswith(b":")
-        answered = framed and line[6:11] != BEAT.encode()
+        answered = framed and line[6:11] != BEAT_BODY.encode()
         moves = framed and line[6:10] in (b"MOVE", b"HOME")
         possible = [
             k

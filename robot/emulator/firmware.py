@@ -1,16 +1,16 @@
-"""The launcher's microcontroller, emulated: the protocol's other end, with a servo, a rack and a stage that take time.
+"""The emulated microcontroller of the launcher: the protocol's other end, with servo, rack and stage in time.
 
-In: bytes from the cable, a clock, random numbers. Out: reply bytes, hits of the ball (`on_strike`), and `deeds`, the
-record of what was truly done, by which tests judge. It behaves as the device of Robotic Billiards (2015), section V,
-under robot/device/protocol.py. Nothing runs by itself: each byte and each query first advances it to the present of the
-given clock, so that a virtual clock gives the same strokes as a real one, at once.
+In: bytes from the cable, a clock, random numbers. Out: reply bytes, hits of the ball (`on_strike`), and `actions`, the
+record of what was actually done, by which tests judge. It behaves like the device of Robotic Billiards (2015), section
+V, with robot/device/protocol.py. It has no thread: each byte and each query first advances it to the clock's time, so
+that a virtual clock gives the same strokes as a real one, immediately.
 
 Stroke: robot/emulator/stroke_motion.py, with a ripple along the rack, v (1 + A sin(2 pi (s + s_rest) / lambda + phi));
 the tip meets the ball at BALL_DISTANCE_M. Stage: robot/emulator/stage.py. Grades of the sizes: A two sources, B one,
-C estimate. Leaves out the ball's push on the rack, lost steps short of a stall, and vibration.
+C estimate. Left out: the ball's reaction on the rack, lost steps without a stall, and vibration.
 
-Armed or moving it stops by itself SILENCE_S after the last undamaged frame. That time is the line's: where mechanics
-run faster than it, `pace` says by how much.
+While armed or moving it stops on its own SILENCE_S after the last undamaged frame. That time is real time: if the
+mechanics run faster, `pace` is the factor.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from robot.device import protocol
 from robot.device.protocol import (
-    BEAT,
+    BEAT_BODY,
     BUSY_STATES,
     FIRST_STRING,
     GUARDED_STATES,
@@ -39,15 +39,15 @@ from robot.device.protocol import (
 from robot.emulator import stage
 from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
 
-SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # over the speed [1]; pitch of a module 2 rack [m]; C
+SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # ripple over the speed [1]; pitch of a module 2 rack [m]; C
 SPEED_SCATTER = 0.0125  # sd from stroke to stroke over the speed [1]; from +-50 mm by emulator/repeatability.py, B
 REST_SD_M = 0.0005  # sd of the rack after a retract; C
 ENCODER_SPEED_SD = 0.001  # sd of the measured speed over it [1]: 5.9 micrometre a count over 5 mm; C
 RETRACT_SPEED = 0.25  # [m/s]; C
 FORCE_PER_SPEED = 313.0  # peak force on the tip over the cue speed [N s/m]: 860 N at 2.75 m/s in launcher.md; B
 MAX_SENSOR_FORCE, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
-CUE_TILT = math.radians(6.5)  # of the cue (Robotic Billiards 2015), A
-ARMED_TIMEOUT_S = 5.0  # until an unused arming lapses
+CUE_TILT = math.radians(6.5)  # inclination of the cue (Robotic Billiards 2015), A
+ARMED_TIMEOUT_S = 5.0  # time until an unused arming lapses
 ARGUMENT_COUNTS = {
     "VERSION": 0,
     "STATUS": 0,
@@ -59,26 +59,26 @@ ARGUMENT_COUNTS = {
     "MOVE": 2,
     "ARM": 2,
 }
-LINE_GAP_S = 0.5  # of silence that ends an incomplete line
-BOOT_TIME_S = 0.3  # after a restart, without reading; C
+LINE_GAP_S = 0.5  # silence that ends an incomplete line
+BOOT_TIME_S = 0.3  # duration of a restart, without reading; C
 
 
 @dataclass(frozen=True)
-class Deed:
-    """Something that the launcher truly did."""
+class ExecutedAction:
+    """An action that the launcher actually executed."""
 
-    time: float  # of its clock [s]
+    time: float  # by its clock [s]
     what: str  # homed, moved, begun, struck, retracted, stopped, silenced, reset, booted, stuck, refused
     string: int = 0
     number: int = 0  # of the stroke
     speed: float = 0.0  # of the cue at the ball [m/s]
-    x: float = 0.0  # of the tip [m]; for struck, side from the ball's centre
+    x: float = 0.0  # of the tip [m]; for struck, the side offset from the ball's centre
     y: float = 0.0
 
 
 @dataclass
 class Memory:
-    """What survives a loss of power: 22 bytes of the PIC18F458's EEPROM."""
+    """Persistent memory: 22 bytes of the PIC18F458's EEPROM."""
 
     boots: int = 0
     stops: int = 0
@@ -88,8 +88,8 @@ class Memory:
     speed: float = 0.0
     force: float = 0.0
     stopped: bool = False
-    interrupted: str = ""  # state that the stop ended
-    silent: bool = False  # it stopped because it heard nothing
+    interrupted: str = ""  # state that the stop interrupted
+    silent: bool = False  # whether it stopped because of silence
 
 
 class Firmware:
@@ -110,20 +110,20 @@ class Firmware:
 
         Args:
             now: its clock [s].
-            rng: of everything random.
+            rng: for all random numbers.
             on_strike: called with cue speed [m/s], side and height [m] of the axis when the tip meets the ball.
-            law: true cue speed of a string [m/s], which a calibration is to find.
-            ripple: of the speed along the rack, part of it.
+            law: true cue speed of a string [m/s], which a calibration has to find.
+            ripple: relative ripple of the speed along the rack.
             backlash: of the stage in x and y [micrometre].
-            pace: seconds of its clock in a second of the line.
+            pace: seconds of its clock per second of real time.
         """
         self._now, self._rng, self._on_strike, self._law = now, rng, on_strike, law
         self._ripple, self._pace = ripple, pace
         self._phase = rng.uniform(0, 2 * math.pi)
         self.memory = Memory()
-        self.deeds: list[Deed] = []
+        self.actions: list[ExecutedAction] = []
         self._events: list[tuple[float, Callable[[], None], bool]] = []  # time, action, whether it survives a stop
-        self._time = now()  # of the event in progress
+        self._time = now()  # time of the current event
         self._stage = stage.EmulatedStage(backlash)
         self._stuck = False
         self._last: tuple[Message, str] | None = None  # the last request and its reply
@@ -134,7 +134,7 @@ class Firmware:
         self._boot()
 
     def receive(self, data: bytes) -> bytes:
-        """Bytes from the cable; returns what it answers."""
+        """Process bytes from the cable; returns the answer."""
         self.update()
         if self._time < self._deaf_until:
             return b""
@@ -144,7 +144,7 @@ class Firmware:
         return b"".join(self._answer(arrival) for arrival in self._reader.feed(data))
 
     def update(self) -> None:
-        """Bring it up to the clock."""
+        """Advance to the clock's time."""
         now = self._now()
         while (self._events and self._events[0][0] <= now) or self._silent_by(now):
             if self._silent_by(self._events[0][0] if self._events else now):
@@ -156,11 +156,11 @@ class Firmware:
         self._time = now
 
     def _silent_by(self, then: float) -> bool:
-        """Whether its controller counts as gone at that time."""
+        """Whether its controller counts as absent at a time."""
         return self.state in GUARDED_STATES and self._silent_at <= then
 
     def status(self) -> LauncherStatus:
-        """The status now."""
+        """The current status."""
         self.update()
         m = self.memory
         x, y = (round(v) for v in (self._stage.under_way(self._time) if self.state == "MOVING" else self._stage.motor))
@@ -170,15 +170,15 @@ class Firmware:
         )  # fmt: skip
 
     def tip(self) -> tuple[float, float]:
-        """Where the cue's axis truly is: side, height [m] from where home puts it, across the cue."""
+        """True position of the cue's axis, side and height [m] relative to home, across the cue."""
         return self._stage.tip[0] * 1e-6, self._stage.tip[1] * 1e-6 * math.cos(CUE_TILT)
 
     def restart(self, after: float = 0.0) -> None:
-        """Lose power for a moment, `after` seconds from now."""
+        """Interrupt the power briefly, `after` seconds from now."""
         self._at(self._now() + after, self._lose_power, lasting=True)
 
     def stick(self) -> None:
-        """The next motion of the stage stalls; a reset frees it."""
+        """Make the next motion of the stage stall; a reset frees it."""
         self._stuck = True
 
     def _answer(self, arrival: Arrival) -> bytes:
@@ -189,12 +189,12 @@ class Firmware:
             self._stroke(arrival.string)
             return b""
         self._silent_at = self._time + SILENCE_S * self._pace()
-        if arrival == Message(UNSOLICITED_SEQUENCE, BEAT):
+        if arrival == Message(UNSOLICITED_SEQUENCE, BEAT_BODY):
             return b""
         return protocol.frame("=", arrival.sequence, self._reply(arrival))
 
     def _reply(self, request: Message) -> str:
-        """A repeated number gets the stored reply; what it asks for is not done again."""
+        """A repeated number gets the stored reply, without repeating the action."""
         if request.sequence == UNSOLICITED_SEQUENCE:
             self._last = None
             return f"OK {protocol.PROTOCOL_VERSION}" if request.body == "VERSION" else "NO SEQUENCE"
@@ -219,7 +219,7 @@ class Firmware:
         if verb == "STATUS":
             return protocol.status_body(self.status())
         if verb == "FORCE":
-            return f"OK 0 {round(self.memory.force * 1e3)}"  # nothing touches the tip now; peak of the last stroke
+            return f"OK 0 {round(self.memory.force * 1e3)}"  # no force now; peak of the last stroke
         if verb == "RESET":
             return self._reset(values[0])
         if verb == "DISARM":
@@ -236,7 +236,7 @@ class Firmware:
 
     def _reset(self, stops: int) -> str:
         if stops != self.memory.stops:
-            return "NO STOPS"  # a stop came in between, which the sender has not seen
+            return "NO STOPS"  # there was another stop that the sender does not know of
         if self.state in ("STOPPED", "FAULT"):
             self.memory.stopped, self._stuck, self._faults = False, False, 0
             self.memory.interrupted, self.memory.silent = "", False
@@ -285,7 +285,7 @@ class Firmware:
             return
         self._cancel()
         self._armed, self.state = 0, "STRIKING"
-        self.memory.begun += 1  # before the first pulse: a number is used up even if power fails now
+        self.memory.begun += 1  # before the first pulse: the number is used even if power fails now
         self._note("begun", string=string, number=self.memory.begun)
         scattered = self._law(string) * (1 + SPEED_SCATTER * self._rng.standard_normal())
         self._motion = StrokeMotion(self._time, scattered, string)
@@ -294,7 +294,7 @@ class Firmware:
         self._at(end, self._finish)
 
     def _hit(self, speed: float) -> None:
-        """The tip meets the ball, at this speed but for the ripple [m/s]."""
+        """The tip meets the ball at this speed, apart from the ripple [m/s]."""
         run, along = self._motion, (BALL_DISTANCE_M + self._rest) / TOOTH_PITCH_M
         true = speed * (1 + self._ripple * math.sin(2 * math.pi * along + self._phase))
         side, height = self.tip()
@@ -338,7 +338,7 @@ class Firmware:
         self._note(what, x=x * 1e-6, y=y * 1e-6)
 
     def _stall(self) -> None:
-        """The drive reports a stall in mid-motion (assumed: a stepper without that would notice at home only)."""
+        """The drive reports a stall during a motion (an assumption: a simple stepper would notice only at home)."""
         self._stage.stall(self._rng.uniform(0, 1))
         self.state, self._faults = "FAULT", self._faults | 1
         self._note("stuck")
@@ -351,12 +351,12 @@ class Firmware:
         self._note(what)
 
     def _fall_silent(self) -> None:
-        """Nobody has been heard for too long."""
+        """Stop after too long a silence."""
         self.memory.silent = True
         self._stop("silenced")
 
     def _cease(self) -> None:
-        """No more pulses: the stage stands, the rack brakes and may still touch the ball."""
+        """End all pulses: the stage stops, the rack brakes and may still touch the ball."""
         self._cancel()
         now = self._time
         if self.state == "STRIKING":
@@ -394,4 +394,4 @@ class Firmware:
         self._events = [e for e in self._events if e[2]]
 
     def _note(self, what: str, **facts: float) -> None:
-        self.deeds.append(dataclasses.replace(Deed(self._time, what), **facts))  # type: ignore[arg-type]
+        self.actions.append(dataclasses.replace(ExecutedAction(self._time, what), **facts))  # type: ignore[arg-type]

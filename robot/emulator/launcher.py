@@ -1,8 +1,8 @@
 """The emulated launcher on a pseudo-terminal, in real time.
 
 In: the firmware (robot/emulator/firmware.py), the baud rate, faults to inject. Out: a path that opens as a serial port.
-The driver's own threads, time-outs and system calls are at work. The mechanics may run faster than real time (`pace`),
-the line (robot/emulator/line.py) never does.
+The driver's own threads, time-outs and system calls are used. The mechanics may run faster than real time (`pace`), but
+not the line (robot/emulator/line.py).
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from models.errors import BadInput
 from robot.device.port import READ_SLICE_S
 from robot.device.protocol import STOP_BYTE
 from robot.emulator.faults import FaultInjection
-from robot.emulator.firmware import Deed, Firmware
+from robot.emulator.firmware import ExecutedAction, Firmware
 from robot.emulator.line import Line
 
 
 class Pace:
-    """Real time, run faster for the mechanics; the factor may change on the way."""
+    """A clock for the mechanics that runs faster than real time, by a variable factor."""
 
     def __init__(self, factor: float = 1.0) -> None:
         """Start at 0."""
@@ -44,7 +44,7 @@ class Pace:
         return self._factor
 
     def set(self, factor: float) -> None:
-        """Another factor from now on."""
+        """Change the factor from now on."""
         self._mechanics_s, self._real_s = self.now(), time.monotonic()
         self._factor = factor
 
@@ -52,19 +52,19 @@ class Pace:
 class Emulator:
     """The launcher on a pseudo-terminal, in a thread; `with Emulator(firmware, baud=...) as e: open(e.path)`.
 
-    The path is a link that leads to the terminal, as udev makes one to a serial port: a cable that was pulled comes
-    back at the same path. Look at the firmware only while `lock` is held.
+    The path is a symbolic link to the terminal, like udev's links to serial ports: a cable that was pulled reappears at
+    the same path. Access the firmware only while `lock` is held.
     """
 
     def __init__(
         self, firmware: Firmware, *, baud: int, faults: FaultInjection | None = None, path: Path | str | None = None
     ) -> None:
-        """Not running yet; without a path, one in a folder of its own."""
+        """Create an emulator that is not running yet; by default its path is in a folder of its own."""
         self._line = Line(firmware, baud=baud, faults=faults)
         self._folder = None if path is not None else tempfile.TemporaryDirectory(prefix="launcher-")
         self.path = str(path) if path is not None else str(Path(self._folder.name) / "port" if self._folder else "")
         self.firmware, self.lock = firmware, threading.Lock()
-        self.failed: BaseException | None = None  # what `on_strike` raised
+        self.failed: BaseException | None = None  # exception raised by `on_strike`
         self._ends: tuple[int, int] | None = None
         self._woken, self._wake = os.pipe()
         self._ending = threading.Event()
@@ -88,13 +88,13 @@ class Emulator:
             self._folder.cleanup()
 
     def pull(self, seconds: float) -> None:
-        """Disconnect the cable for that long [s]."""
+        """Disconnect the cable for a time [s]."""
         with self.lock:
             self._line.pull(time.monotonic(), seconds)
         os.write(self._wake, b"x")
 
     def _plug(self) -> None:
-        master, slave = os.openpty()  # the slave stays open: without a reader the terminal would hang up
+        master, slave = os.openpty()  # the slave stays open, or the terminal would hang up without a reader
         tty.setraw(slave)
         os.set_blocking(master, False)
         self._ends = (master, slave)
@@ -103,7 +103,7 @@ class Emulator:
         scratch.symlink_to(os.ttyname(slave))
         if Path(self.path).exists() and not Path(self.path).is_symlink():
             scratch.unlink()
-            raise BadInput(f"{self.path}: is in use; name a path that is free")
+            raise BadInput(f"{self.path}: is in use; name a free path")
         scratch.replace(self.path)
 
     def _unplug(self) -> None:
@@ -134,7 +134,7 @@ class Emulator:
     def _serve(self, readable: bool) -> None:
         now = time.monotonic()
         if readable and self._ends is not None:
-            with contextlib.suppress(OSError):  # nobody has the other end
+            with contextlib.suppress(OSError):  # the other end is closed
                 for line in _lines(os.read(self._ends[0], 4096)):
                     self._line.put(now, line)
         try:
@@ -148,7 +148,7 @@ class Emulator:
 
 
 def _lines(data: bytes) -> list[bytes]:
-    """The lines in what was written at once: faults occur line by line, and a stop byte counts as a line."""
+    """Split a write into lines, since faults occur line by line; a stop byte counts as a line."""
     parts = data.replace(STOP_BYTE, b"\0!\0").replace(b"\n", b"\n\0").split(b"\0")
     return [part for part in parts if part]
 
@@ -167,14 +167,14 @@ def serve(
     """Run an emulated launcher until interrupted, or until an event is set.
 
     Args:
-        path: of the port; None: a new one. It is reported first.
+        path: of the port; None for a new one. It is reported first.
         kind: of the launcher.
         baud: of the line [bit/s].
-        pace: of the mechanics, seconds in a real second.
+        pace: speed of the mechanics over real time.
         fault_rate: probability of a fault in a line, 0 to 1.
         seed: of all random numbers.
-        say: called with the path, then with every action, a line each.
-        until: ends it when set.
+        say: called with the path, then with a line for every action.
+        until: event that ends the emulation.
     """
     if not 0 < pace <= 1000:
         raise BadInput(f"pace is {pace}; give a number above 0, up to 1000")
@@ -187,16 +187,16 @@ def serve(
         say(emulator.path)
         while not ending.wait(0.05):
             with emulator.lock:
-                deeds = firmware.deeds[reported:]
-            reported += len(deeds)
-            for deed in deeds:
-                say(f"{deed.time:9.3f} s  {deed.what:9}  {_details(deed)}".rstrip())
+                actions = firmware.actions[reported:]
+            reported += len(actions)
+            for action in actions:
+                say(f"{action.time:9.3f} s  {action.what:9}  {_details(action)}".rstrip())
 
 
-def _details(deed: Deed) -> str:
-    tip = f"side {1e3 * deed.x:+.2f} mm, height {1e3 * deed.y:+.2f} mm"
-    if deed.what == "struck":
-        return f"{deed.string:03d}p  cue {deed.speed:.3f} m/s at {tip}"
-    if deed.what == "begun":
-        return f"{deed.string:03d}p"
-    return tip if deed.what == "moved" else ""
+def _details(action: ExecutedAction) -> str:
+    tip = f"side {1e3 * action.x:+.2f} mm, height {1e3 * action.y:+.2f} mm"
+    if action.what == "struck":
+        return f"{action.string:03d}p  cue {action.speed:.3f} m/s at {tip}"
+    if action.what == "begun":
+        return f"{action.string:03d}p"
+    return tip if action.what == "moved" else ""

@@ -1,8 +1,8 @@
 """The emulated cable between computer and launcher, and a virtual clock on which waiting takes no time.
 
 In: the firmware, the baud rate, faults to inject. Out: a port as the link uses it (robot/device/port.py). A byte takes
-10 / baud seconds (start, eight bits, stop), a reply its processing time. On the virtual clock a seed gives the same run
-again. Leaves out flow control, parity and modem lines.
+10 / baud seconds (start, eight bits, stop), a reply its processing time. On the virtual clock the same seed gives the
+same run. Left out: flow control, parity and modem lines.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from robot.device.port import READ_SLICE_S
 from robot.emulator.faults import FaultInjection
 from robot.emulator.firmware import Firmware
 
-PROCESSING_TIME_S = 0.001  # of a request by the microcontroller; PIC18F458 at 10 MIPS, C
+PROCESSING_TIME_S = 0.001  # time of the microcontroller for a request; PIC18F458 at 10 MIPS, C
 
 
 class Line:
-    """The cable with the firmware at its end: bytes on their way, due at their times."""
+    """The cable with the firmware at its end: bytes in transit, with their arrival times."""
 
     def __init__(self, firmware: Firmware, *, baud: int, faults: FaultInjection | None = None) -> None:
-        """A line at rest."""
+        """Create an idle line."""
         self.firmware, self.faults, self._byte_s = firmware, faults, 10.0 / baud
         self._up: list[tuple[float, bytes]] = []
         self._down: list[tuple[float, bytes]] = []
         self._last_up = self._last_down = 0.0
-        self.out_until = -1.0  # the cable is out
-        self.pulls = 0  # ports opened before the last one are dead
+        self.out_until = -1.0  # time until which the cable is out
+        self.pulls = 0  # number of disconnections; ports opened before the last one are dead
 
     def put(self, now: float, data: bytes) -> None:
-        """The computer writes."""
+        """Accept bytes written by the computer."""
         if self.faults is not None:
             spoiled = self.faults.request(now, data)
             data = spoiled.data
@@ -44,18 +44,18 @@ class Line:
             self._up.append((self._last_up, data))
 
     def flush(self, now: float) -> None:
-        """Discard what the computer has not sent yet."""
+        """Discard bytes that the computer has not sent yet."""
         self._up = [(due, data) for due, data in self._up if due - len(data) * self._byte_s <= now]
         self._last_up = self._up[-1][0] if self._up else now
 
     def pull(self, now: float, seconds: float) -> None:
-        """Disconnect the cable; what is on its way is lost."""
+        """Disconnect the cable; bytes in transit are lost."""
         self.out_until, self.pulls = now + seconds, self.pulls + 1
         self._up.clear()
         self._down.clear()
 
     def step(self, now: float) -> None:
-        """Deliver what is due to the firmware, and send what it answers."""
+        """Deliver the due bytes to the firmware, and send its answers."""
         while self._up and self._up[0][0] <= now:
             reply = self.firmware.receive(self._up.pop(0)[1])
             delay = 0.0
@@ -69,19 +69,19 @@ class Line:
         self.firmware.update()
 
     def take(self, now: float) -> bytes:
-        """What has come to the computer by now."""
+        """The bytes that have reached the computer by now."""
         out = b""
         while self._down and self._down[0][0] <= now:
             out += self._down.pop(0)[1]
         return out
 
     def next_due(self) -> float | None:
-        """When something arrives at either end; None while the line is quiet."""
+        """Time of the next arrival at either end; None if the line is idle."""
         return min((queue[0][0] for queue in (self._up, self._down) if queue), default=None)
 
 
 class VirtualClock:
-    """A clock that jumps: waiting takes no time, and what is on the line arrives in order."""
+    """A virtual clock: waiting takes no time, and bytes on the line arrive in order."""
 
     def __init__(self) -> None:
         """Start at 0."""
@@ -97,7 +97,7 @@ class VirtualClock:
         self.advance(self._time + seconds)
 
     def advance(self, until: float) -> None:
-        """Jump to that time, stopping where the line has something to deliver to the launcher."""
+        """Jump to a time, via all deliveries of the line to the launcher."""
         while self.line is not None and self.line._up and self.line._up[0][0] <= until:
             self._time = max(self._time, self.line._up[0][0])
             self.line.step(self._time)
@@ -122,7 +122,7 @@ class WirePort:
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
+        """Number of bytes that can be read immediately."""
         self._check()
         self._held += self._line.take(self._clock.now())
         return len(self._held)
@@ -143,10 +143,10 @@ class WirePort:
         return len(data)
 
     def cancel_read(self) -> None:
-        """Nobody else reads."""
+        """Do nothing: no other thread reads."""
 
     def reset_output_buffer(self) -> None:
-        """Discard what is not sent yet."""
+        """Discard bytes that are not sent yet."""
         self._check()
         self._line.flush(self._clock.now())
 

@@ -1,8 +1,7 @@
-"""A launcher that takes the paper's 'NNNp' and nothing else, emulated.
+"""An emulated launcher that accepts only the paper's 'NNNp'.
 
-In: bytes from the cable, as robot/emulator/firmware.py. Out: hits and deeds; it answers nothing. It strikes whenever it
-stands ready, with no arming, and goes on whatever comes: no stop byte, no silence. Assumed: the cue comes back by
-itself.
+In: bytes from the cable, as in robot/emulator/firmware.py. Out: hits and actions; it never answers. It strikes whenever
+it is ready, without arming, and ignores stop bytes and silence. Assumed: the cue retracts by itself.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from robot.emulator.firmware import Firmware
 
 
 class PaperFirmware(Firmware):
-    """An emulated launcher of Robotic Billiards (2015), section V, and no more."""
+    """An emulated launcher as described in Robotic Billiards (2015), section V."""
 
     def _answer(self, arrival: Arrival) -> bytes:
         if isinstance(arrival, StrokeLine) and self.state == "IDLE":

@@ -1,14 +1,14 @@
-"""The emulated launcher's strokes of one string, and where they end on an emulated table or on a cloth without end.
+"""Repeatability of the emulated launcher: end points of strokes with one string, on a table or on unlimited cloth.
 
 In: the launcher's settings, strings, a seed. Out: path length and scatter of the ball for each string
-(robot/cueing/repeated.py). The same strokes on an endless cloth (`OPEN_CLOTH`) run up to 30 m and scatter six times as
-far; they separate the launcher from the cushions. The emulated launcher repeats its speed within 1.25 %
-(robot/emulator/firmware.py), which makes 47 mm over 1800 strokes; 300, as `robot repeat` plays them without options,
-give that within 3 mm.
+(robot/cueing/repeated.py). On an unlimited cloth (`OPEN_CLOTH`) the same strokes run up to 30 m and scatter six times
+as much; this separates the launcher from the cushions. The emulated launcher repeats its speed within 1.25 %
+(robot/emulator/firmware.py), which gives 47 mm over 1800 strokes, and within 3 mm of it over 300, the default of
+`robot repeat`.
 
-The ball lies on the brown spot and is struck straight up the table, tip at its centre, the stand turned once; it is put
-back by hand, within BALL_PLACING_SD_M. Places are those that the emulated camera sees, path lengths are true. Leaves
-out a stand that shakes and a stage that moves between strokes.
+The ball lies on the brown spot and is struck straight up the table, tip at its centre, with the stand turned once; it
+is put back by hand, within BALL_PLACING_SD_M. Positions are those of the emulated camera, path lengths are true. Left
+out: a shaking stand, and a stage that moves between strokes.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from robot.cueing.repeated import DEFAULT_REPEATS, Repeated, summarised
 from robot.device.settings import Settings
 from robot.emulator.table import PLACE_SIGMA_M, EmulatedOptions, EmulatedTable, emulated_launcher
 
-BALL_PLACING_SD_M = 1e-4  # of the place a ball is put back to, each axis [m]; as robot/cueing/striker.py has it
-OPEN_CLOTH = Table(250.0, 250.0, pockets=False)  # a cloth on which no ball of 7 m/s comes to a cushion [m]
+BALL_PLACING_SD_M = 1e-4  # error of the place to which a ball is put back, each axis; as in robot/cueing/striker.py
+OPEN_CLOTH = Table(250.0, 250.0, pockets=False)  # so large that no ball of 7 m/s meets a cushion
 BALL_NAME = "white"
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Where the ball runs, and how well it is put back and seen."""
+    """The cloth, and the errors of placing and of the camera."""
 
     cloth: Table = SNOOKER_TABLE  # or OPEN_CLOTH
-    ball_sd: float = BALL_PLACING_SD_M  # of the place that the ball is put back to, each axis [m]
+    ball_sd: float = BALL_PLACING_SD_M  # error of the place to which the ball is put back, each axis [m]
     sigma: float = PLACE_SIGMA_M  # of the camera, each axis [m]
 
 
@@ -49,15 +49,15 @@ def measure(
     conditions: Conditions | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Repeated, ...]:
-    """Strike each string again and again on an emulated launcher and table; the same seed gives the same strokes.
+    """Strike each string repeatedly on an emulated launcher and table; the same seed gives the same strokes.
 
     Args:
-        settings: of the launcher; its strings run as its calibration says, but for what does not repeat.
-        strings: to be measured.
-        repeats: of each, 2 or more.
-        seed: of the launcher, of the ball's places, and of the camera; the same for every cloth.
-        conditions: cloth and errors of hand and camera, where they differ from the defaults.
-        progress: called with what is being done.
+        settings: of the launcher, whose strings follow its calibration apart from random errors.
+        strings: strings to measure.
+        repeats: strokes of each, 2 or more.
+        seed: of launcher, ball placing and camera; the same for every cloth.
+        conditions: cloth and errors of placing and camera that differ from the defaults.
+        progress: called with a description of the current step.
 
     Raises:
         BadInput: a string outside calibration or limits, or too few repeats, before anything is struck.
@@ -87,7 +87,7 @@ def measure(
                 camera_seed = int(of_camera.integers(2**32))
                 ground = EmulatedTable(model, {BALL_NAME: tuple(spot + off)}, 0.0, camera_seed, options)
                 cue_speed, side, height = hits.pop()
-                ground.hit(cue_speed, side + off[1], height)  # a ball to the left is struck on its right
+                ground.hit(cue_speed, side + off[1], height)  # a ball displaced to the left is struck on its right
                 ends[k] = ground.look().get(BALL_NAME, np.full(2, np.nan))
                 lengths[k] = _path_length(ground.track.position[:, 0]) if ground.track is not None else math.nan
             found.append(summarised(n, speed, speeds, ends, lengths))

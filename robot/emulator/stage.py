@@ -1,7 +1,7 @@
-"""The stage that places the tip, emulated: two axes with a drive and a backlash, and how long a move takes.
+"""The emulated stage that places the tip: two axes with drive and backlash, and the duration of moves.
 
-In: targets and times. Out: where motors and tip are. The tip lags behind the motor after a reversal: with a backlash b,
-x_tip = clip(x_tip, x_motor, x_motor + b), zero where it came from below. Grades of the sizes as in firmware.py.
+In: targets and times. Out: positions of motors and tip. The tip lags behind the motor after a reversal: with a backlash
+b, x_tip = clip(x_tip, x_motor, x_motor + b), without lag after an approach from below. Grades as in firmware.py.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ Place = tuple[float, float]  # [micrometre]
 
 
 class EmulatedStage:
-    """Where the stage is and goes [micrometre]."""
+    """The stage's position and target [micrometre]."""
 
     def __init__(self, backlash: Place = BACKLASH_UM) -> None:
-        """At home, approached from below."""
+        """Start at home, approached from below."""
         self._backlash = backlash
         self.motor: Place = (0.0, 0.0)
         self.tip: Place = (0.0, 0.0)
         self._journey: tuple[float, Place, Place, float] = (0.0, self.motor, self.motor, 0.0)  # start, from, to, time
 
     def travel(self, target: Place, start: float) -> float:
-        """Begin a journey of both axes at once; returns how long it takes [s]."""
+        """Start a move of both axes together; returns its duration [s]."""
         distance = 1e-6 * max(abs(t - m) for t, m in zip(target, self.motor, strict=True))
         full = SPEED**2 / ACCELERATION
         needs = distance / SPEED + SPEED / ACCELERATION
@@ -36,20 +36,20 @@ class EmulatedStage:
         return needs
 
     def under_way(self, now: float) -> Place:
-        """Places of the motors on the journey, as if at constant speed."""
+        """Positions of the motors during the move, approximated by constant speed."""
         start, _, _, needs = self._journey
         return self._along(min(max((now - start) / needs, 0.0), 1.0) if needs > 0 else 1.0)
 
     def halt(self, now: float) -> None:
-        """Stand where it is."""
+        """Stop at the current position."""
         self._put(self.under_way(now))
 
     def stall(self, part: float) -> None:
-        """Stand after a part of the way."""
+        """Stop after a part of the move."""
         self._put(self._along(part))
 
     def arrive(self, *, home: bool) -> None:
-        """Stand at the target; a homing ends upwards, off the switches."""
+        """Stop at the target; homing ends with an upward move off the switches."""
         self._put(self._journey[2])
         if home:
             self.tip = (0.0, 0.0)

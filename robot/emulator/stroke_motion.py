@@ -1,4 +1,4 @@
-"""How the rack moves the cue in a stroke: raised-cosine run-up, constant speed, braking.
+"""The motion of the cue in a stroke: raised-cosine run-up, constant speed, braking.
 
 In: start time and commanded speed v. Out: distance and speed at a time, and the time at a distance. With the run-up
 time T the speed is v (1 - cos(pi t / T)) / 2, T = min(2 RUN_UP_M / v, v / MIN_ACCELERATION).
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from robot.device.protocol import FIRST_STRING, LAST_STRING
 
-RUN_UP_M, MIN_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as models/mjcf/launcher.md, C
+RUN_UP_M, MIN_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as in models/mjcf/launcher.md, C
 BALL_DISTANCE_M = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
 LEVEL_END_M = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
 BRAKING_DECELERATION = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
@@ -24,7 +24,7 @@ def paper_law(string: int) -> float:
 
 @dataclass(frozen=True)
 class StrokeMotion:
-    """A stroke under way."""
+    """A stroke in progress."""
 
     start: float  # [s]
     speed: float  # commanded [m/s]
@@ -32,11 +32,11 @@ class StrokeMotion:
 
     @property
     def ramp(self) -> float:
-        """Time of the run-up [s]."""
+        """Duration of the run-up [s]."""
         return min(2 * RUN_UP_M / self.speed, self.speed / MIN_ACCELERATION)
 
     def at(self, distance: float) -> float:
-        """Clock time [s] at which the tip has come so far [m], past the run-up."""
+        """Clock time [s] at which the tip has covered a distance [m] beyond the run-up."""
         return self.start + self.ramp + (distance - 0.5 * self.speed * self.ramp) / self.speed
 
     def state(self, now: float) -> tuple[float, float]:

@@ -1,15 +1,14 @@
-"""A table with hidden parameters behind the emulated launcher: the closed loop runs on it without hardware.
+"""An emulated table with hidden parameters for the emulated launcher, to run the closed loop without hardware.
 
-In: the hidden model, the balls' places, the hits of the firmware (`hit`: cue speed, side and height of the axis). Out:
+In: the hidden model, the balls' positions, hits from the firmware (`hit`: cue speed, side and height of the axis). Out:
 a `robot.play.ShotCamera`. The tip of a launcher with hidden constants strikes in MuJoCo (models/mujoco/struck.py), and
 the hidden model plays the shot there, with jaws at the pockets, until all balls rest; a camera straight above reports
 positions with normal noise, from the hit (t = 0) on. The stand is turned by hand, each time with an error.
 
-A hit is only noted, since it comes in the midst of an exchange; the shot is played at the next look. A stand serves one
-stroke: the cue ball lies elsewhere then. Leaves out the hop after the hit, a marked ball's angle, and the camera's
-distortions: effects of the model that only change what is seen are dropped, and so is a fitted squirt, which would
-count twice. Of the launcher's constants, friction on the slate is that of the hidden cloth, and the tip touches as long
-as its leather lets it.
+A hit is only recorded, since it comes during an exchange; the shot is played at the next look. The stand is set for one
+stroke, since the cue ball moves. Left out: the hop after the hit, a marked ball's angle, and the camera's distortions:
+the model's camera effects are dropped, and so is a fitted squirt, which would count twice. Of the launcher's constants,
+friction on the slate is that of the hidden cloth, and the contact time of the tip follows from its leather.
 """
 
 from __future__ import annotations
@@ -38,10 +37,10 @@ from robot.emulator.line import Line, VirtualClock, WirePort
 from sysid.clips import Observation
 
 CAMERA_FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
-PLACE_SIGMA_M = 5e-4  # of a place seen, each axis [m]
-YAW_SETTING_SD = 1e-3  # of a yaw set by hand against the picture [rad]; planner/launcher/execution.py
-AVERAGED_FRAMES = 25  # frames that a look at resting balls is the mean of
-MIN_MOTION_M = 1e-6  # of a place, below which a ball has not moved [m]
+PLACE_SIGMA_M = 5e-4  # noise of an observed position, each axis
+YAW_SETTING_SD = 1e-3  # error of a yaw set by hand with the camera [rad]; planner/launcher/execution.py
+AVERAGED_FRAMES = 25  # frames averaged in a look at resting balls
+MIN_MOTION_M = 1e-6  # least change of position of a ball that has moved
 FRAMES_AFTER_REST = 10  # frames kept after the last motion
 SHOT_HOOKS = ("edit", "forces", "horizon", "impact", "strike")  # hooks through which an effect changes a shot
 BASE_EFFECTS = ("decoupled_cloth", "ball_impact", "cushion_impact")  # needed for jaws at the pockets
@@ -49,16 +48,16 @@ BASE_EFFECTS = ("decoupled_cloth", "ball_impact", "cushion_impact")  # needed fo
 
 @dataclass(frozen=True)
 class EmulatedOptions:
-    """What may be set of an emulated table."""
+    """Options of an emulated table."""
 
     sigma: float = PLACE_SIGMA_M  # of the camera's noise, each axis [m]
     fps: float = CAMERA_FPS  # of the camera [1/s]
-    yaw_sd: float = YAW_SETTING_SD  # of the stand's azimuth, each time that it is turned [rad]
-    constants: Constants = field(default_factory=Constants)  # hidden, of the launcher; zeros are true less stage
+    yaw_sd: float = YAW_SETTING_SD  # error of the stand's azimuth each time that it is turned [rad]
+    constants: Constants = field(default_factory=Constants)  # hidden, of the launcher; zeros are true minus stage
 
 
 class EmulatedTable:
-    """Balls, a stand that is turned by hand, and a camera; `hit` goes to the firmware as its `on_strike`."""
+    """Balls, a stand turned by hand, and a camera; `hit` is the firmware's `on_strike`."""
 
     def __init__(
         self,
@@ -73,19 +72,19 @@ class EmulatedTable:
         Args:
             model: the hidden one.
             position: of every ball by name, the cue ball first [m].
-            azimuth: that the stand is turned to by hand [rad].
+            azimuth: to which the stand is turned by hand [rad].
             seed: of all random numbers.
-            options: errors and launcher, where they differ from the defaults.
+            options: errors and launcher that differ from the defaults.
 
         Raises:
             BadInput: no balls, or a model that lacks cloth, ball or cushion impacts.
         """
         if not position:
-            raise BadInput("position is empty; put down a cue ball at least")
+            raise BadInput("position is empty; give at least a cue ball")
         doing = tuple(e for e in without_squirt(model).stack()[1:] if e.opens(*SHOT_HOOKS) or e.slot)
         if lacking := sorted(set(BASE_EFFECTS) - {e.name() for e in doing}):
-            raise BadInput(f"the hidden model lacks {', '.join(lacking)}; give one that starts from the base")
-        self.model = dataclasses.replace(model, effects=doing, engine="mujoco")  # what fits and plans is the other one
+            raise BadInput(f"the hidden model lacks {', '.join(lacking)}; give one based on the base")
+        self.model = dataclasses.replace(model, effects=doing, engine="mujoco")  # fits and plans use the event engine
         self.options = options or EmulatedOptions()
         self.table, self.ball, self.fps, self.sigma = model.table, model.ball, self.options.fps, self.options.sigma
         hidden = self.options.constants
@@ -96,50 +95,50 @@ class EmulatedTable:
         self._cue = next(iter(position))
         self._hits: list[tuple[float, float, float]] = []
         self._filmed: dict[str, Observation] = {}
-        self.strokes = 0  # that met the cue ball
+        self.strokes = 0  # strokes that met the cue ball
         self.track: Track | None = None  # of the last shot, without noise
         self.turn_to(azimuth)
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """None: it knows where the balls are."""
+        """No doubts: it knows the true positions."""
         return ()
 
     @property
     def filmed(self) -> None:
-        """Nothing: there is no video."""
+        """None: there is no video."""
 
     def turn_to(self, azimuth: float) -> None:
-        """Put the stand behind the cue ball where it lies, turned by hand."""
+        """Place the stand behind the cue ball, turned by hand."""
         self.azimuth = azimuth + self.options.yaw_sd * float(self._rng.standard_normal())
         self._ready = self._cue in self._places
 
     def hit(self, cue_speed: float, side: float, height: float) -> None:
-        """The tip comes to where the cue ball was put: speed [m/s], side and height of the axis [m]; only noted."""
+        """Record a hit at the cue ball's place: speed [m/s], side and height of the axis [m]."""
         self._hits.append((cue_speed, side, height))
 
     def look(self) -> dict[str, Array]:
-        """Where the resting balls are seen, by name: (2,) [m]."""
+        """Observed positions of the resting balls by name: (2,) [m]."""
         self._play()
         noise = self.sigma / math.sqrt(AVERAGED_FRAMES)
         return {name: xy + noise * self._rng.standard_normal(2) for name, xy in self._places.items()}
 
     def arm(self) -> None:
-        """Nothing to do: every hit is seen."""
+        """Do nothing: every hit is observed."""
 
     def film(self) -> dict[str, Observation]:
-        """What the camera saw since the last film ended, from the hit on; empty where nothing was struck."""
+        """The tracks since the last film ended, from the hit on; empty if nothing was struck."""
         self._play()
         filmed, self._filmed = self._filmed, {}
         return filmed
 
     def stroke(self, cue_speed: float, side: float, height: float) -> TipStroke:
-        """What a hit is, with the zeros of stage and aim."""
+        """The true hit, including the zeros of stage and aim."""
         c = self.options.constants
         return TipStroke(cue_speed, self.azimuth + c.aim_zero, side + c.side_zero, height + c.height_zero)
 
     def _play(self) -> None:
-        """Play the hits since the last look; a tip that meets no ball moves nothing."""
+        """Play the hits since the last look; a tip that misses the ball moves nothing."""
         hits, self._hits = self._hits, []
         if hits and self._ready:
             self._ready = False
@@ -150,7 +149,7 @@ class EmulatedTable:
             self._places = {n: last[k] for k, n in enumerate(self.track.names) if np.isfinite(last[k, 0])}
 
     def _shot(self, cue_speed: float, side: float, height: float) -> Track:
-        """The whole shot; one whose tip does not meet the ball moves nothing."""
+        """Play the whole shot; a tip that misses the ball moves nothing."""
         names = (self._cue, *(n for n in self._places if n != self._cue))
         roll = float(self.model.parameters()["decoupled_cloth.roll"])
         longest = 2.0 * (2.0 * cue_speed / (roll * GRAVITY)) + 1.0  # a ball is at most twice as fast as the cue
@@ -162,7 +161,7 @@ class EmulatedTable:
         return track
 
     def _seen(self, track: Track) -> dict[str, Observation]:
-        """The track as the camera reports it, until a little after the last motion."""
+        """The track as reported by the camera, until shortly after the last motion."""
         xy = track.position
         moved = np.abs(np.diff(xy, axis=0)).max(axis=(1, 2), initial=0.0, where=np.isfinite(np.diff(xy, axis=0)))
         gone = np.isnan(xy[..., 0]).sum(axis=1)
@@ -185,7 +184,7 @@ def emulated_launcher(
     log: Path | str | None = None,
     say: Callable[[str], None] = print,
 ) -> tuple[Launcher, Firmware]:
-    """A launcher of these settings on a virtual line, where waiting takes no time; its strings run as calibrated."""
+    """A launcher with these settings on a virtual line, where waiting takes no time; its strings are as calibrated."""
     clock, table = VirtualClock(), settings.calibration
 
     def law(string: int) -> float:

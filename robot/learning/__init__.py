@@ -1,1 +1,1 @@
-"""The closed loop: plan, play, film, refit; the history of a series and its report."""
+"""The closed loop of planning, playing, filming and refitting; the history of a series and its report."""

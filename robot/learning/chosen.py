@@ -1,7 +1,7 @@
-"""Shots that are chosen to learn from: those that part the models which the clips so far leave likely.
+"""Shots chosen for learning: those that separate the models that are still likely.
 
-In: `next_shots` of a refit's result.json (sysid/selection/next_shot.py). Out: a scene, and the stroke in it. They come
-first after the refit; the object ball of a shot of the cue ball alone lies where it is not in the way.
+In: `next_shots` of a refit's result.json (sysid/selection/next_shot.py). Out: a scene, and the stroke in it. They are
+played first after the refit; if a shot needs the cue ball alone, the object ball is placed out of the way.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from planner.scene import Goal, Scene, separate_overlaps
 from robot.learning.history import FOLDER_REMEDY, fit_folder, read_json
 
 RESULT_FORMAT = "billiard-discovery/1"
-PLACES_ALONG, PLACES_ACROSS = 7, 4  # at which an object ball that is not to be met may lie
+PLACES_ALONG, PLACES_ACROSS = 7, 4  # grid of places for an object ball that is not to be hit
 
 
 @dataclass(frozen=True)
@@ -38,40 +38,40 @@ class ChosenShot:
 def chosen_shot(
     folder: Path, learnt: int, turn: int, most: int, model: Model, launcher: LauncherModel, names: Sequence[str]
 ) -> ChosenShot | None:
-    """The shot that the refit after `learnt` shots asks for in its turn; None where there is none, or no more.
+    """The next shot proposed by the refit after `learnt` shots; None if there is none left.
 
     Args:
         folder: of the series.
         learnt: number of shots fitted; 0 for no refit.
-        turn: 0 for the one that tells most.
-        most: shots that are chosen after a refit.
-        model: that was learnt from them.
+        turn: 0 for the most informative one.
+        most: largest number of chosen shots after a refit.
+        model: fitted to those shots.
         launcher: that plays the shot.
         names: of the cue ball and of the object ball.
 
     Raises:
-        BadInput: for a result that cannot be read.
+        BadInput: for an unreadable result.
     """
     if not learnt or turn >= most:
         return None
     path = fit_folder(folder, learnt) / "result.json"
-    told = read_json(path, RESULT_FORMAT).get("next_shots") or []
+    asked = read_json(path, RESULT_FORMAT).get("next_shots") or []
     with entries_of(path, FOLDER_REMEDY):
-        return _shot(told[turn], model, launcher, names) if turn < len(told) else None
+        return _shot(asked[turn], model, launcher, names) if turn < len(asked) else None
 
 
-def _shot(told: dict[str, Any], model: Model, launcher: LauncherModel, names: Sequence[str]) -> ChosenShot | None:
-    """A shot as result.json tells it; None where the object ball is in the way wherever it lies."""
-    cue, ball = told["cue"], np.array(told["ball"], float)
+def _shot(asked: dict[str, Any], model: Model, launcher: LauncherModel, names: Sequence[str]) -> ChosenShot | None:
+    """A shot from an entry of result.json; None if the object ball would be in the way everywhere."""
+    cue, ball = asked["cue"], np.array(asked["ball"], float)
     stroke = np.array([float(cue[key]) for key in ("speed", "azimuth", "side", "height")])
-    goal, why = Goal(names[0], names[1], None), str(told["why"])
+    goal, why = Goal(names[0], names[1], None), str(asked["why"])
 
     def scene(other: Array) -> Scene:
         places = separate_overlaps(np.array([ball, other]), model.table, model.ball)
         return Scene(model.table, model.ball, (names[0], names[1]), places, goal)
 
-    if told["other"] is not None:
-        return ChosenShot(scene(np.array(told["other"], float)), stroke, why)
+    if asked["other"] is not None:
+        return ChosenShot(scene(np.array(asked["other"], float)), stroke, why)
     room = model.table.centre_limits(model.ball)
     grid = itertools.product(
         np.linspace(-0.9, 0.9, PLACES_ALONG) * room[0], np.linspace(-0.9, 0.9, PLACES_ACROSS) * room[1]

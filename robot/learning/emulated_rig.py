@@ -1,7 +1,7 @@
-"""A series played on the emulator: a table and a launcher with hidden constants, balls set up by an unsteady hand.
+"""The rig of a series on the emulator: table and launcher with hidden constants, balls placed with errors.
 
 In: the hidden model and cueing constants, and a seed. Out: a `robot.learning.loop.Rig`. `draw_hidden_table` draws a
-table as real ones differ from the textbook: constants off by as much as published values differ, and one effect of the
+table that differs from the textbook as real ones do: by the spread of published constants, and by one effect of the
 catalogue at its natural size. The launcher's constants are drawn by robot/cueing/hidden.py.
 """
 
@@ -23,10 +23,10 @@ from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launch
 from robot.learning.loop import SceneSetup
 from robot.play import read_order
 
-HAND_PLACING_SD_M = 2e-3  # of a ball put by hand on its marked place, each axis
+HAND_PLACING_SD_M = 2e-3  # error of a ball put by hand on its marked place, each axis
 PLACING_STREAM, FIRMWARE_STREAM, TABLE_STREAM = range(3)  # independent streams of random numbers
-# How far a table may be from the textbook's, as a fraction of its value: cloths roll with 0.005 to 0.015 and drag with
-# 0.15 to 0.4, cushions give back 0.7 to 0.98, balls 0.87 to 0.98 (Alciatore, Mathavan 2010, 2014).
+# Ranges of constants, relative to the textbook's: rolling friction 0.005 to 0.015, sliding friction 0.15 to 0.4,
+# restitution of cushions 0.7 to 0.98, of balls 0.87 to 0.98 (Alciatore, Mathavan 2010, 2014).
 TABLE_OFFSET_RANGE = {
     "decoupled_cloth.slide": 0.25, "decoupled_cloth.roll": 0.3, "decoupled_cloth.spin": 0.4,
     "ball_impact.restitution": 0.04, "ball_impact.friction": 0.4,
@@ -43,9 +43,9 @@ HIDDEN_EFFECTS = (
 
 
 def draw_hidden_table(start: Model, rng: np.random.Generator, effect: str | None = None) -> Model:
-    """A table of the size of `start` that differs from it, with an effect at its natural size.
+    """A hidden table with the size of `start`, other constants, and an effect at its natural size.
 
-    Every constant is off by half to all of its range, to either side: a table that has not been measured yet.
+    Every constant deviates by half to all of its range, in either direction, as on a table that was never measured.
     """
     values = {}
     for name, width in TABLE_OFFSET_RANGE.items():
@@ -63,13 +63,13 @@ def draw_hidden_cue(rng: np.random.Generator) -> Constants:
 
 @dataclass
 class EmulatedRig:
-    """Sets up, turns, strikes and films by itself; every shot draws from its own random numbers."""
+    """An automatic rig that sets up, turns, strikes and films; every shot has its own random numbers."""
 
     model: Model  # hidden
     cue: Constants  # hidden
     settings: Settings = field(default_factory=Settings)
     seed: int = 0
-    repeats: int = 20  # of every stroke, to measure the launcher's scatter
+    repeats: int = 20  # repeats of every stroke, to measure the launcher's scatter
     make: Callable[..., EmulatedTable] = EmulatedTable  # called with the arguments of EmulatedTable
     table: EmulatedTable | None = None
 
@@ -83,7 +83,7 @@ class EmulatedRig:
         return SceneSetup(self.table, launcher, self.table.turn_to)
 
     def repeat(self, plan: Path, number: int) -> Array | None:
-        """Repeat the stroke from the same places; where the cue ball stopped (n, 2) [m]."""
+        """Repeat the stroke from the same positions; returns the end points of the cue ball (n, 2) [m]."""
         if not self.repeats:
             return None
         order = read_order(plan, self.settings)

@@ -1,15 +1,15 @@
-"""What a series of shots came to, read from the folder that `robot learn` fills.
+"""The history of a series of shots, read from the folder of `robot learn`.
 
-In: the folder, in which every fact is kept once:
+In: the folder, which stores every fact once:
 
-    course.json        settings that all parts of the series share
-    start.toml         the model to begin with, and start_map.toml the cueing map
+    course.json        settings shared by all parts of the series
+    start.toml         the start model, and start_map.toml the start cueing map
     shots/0001.json    plans, with 0001.played.json beside each that was played
     clips/             the films, as a clip set
-    fits/0010/         what was learnt from the first ten: fit.json, model.toml, map.toml
+    fits/0010/         the refit after the first ten shots: fit.json, model.toml, map.toml
 
-Out: a `History` of shots and refits. The cue ball's miss is its distance from the planned place, the medians of x and y
-of the plays by which the plan was judged. The launcher's own scatter is the floor below which no model can predict.
+Out: a `History` of shots and refits. The cue ball's miss is its distance from the planned place, which is the median
+of x and y over the plays that evaluated the plan. The launcher's scatter is the floor for any model's prediction.
 """
 
 from __future__ import annotations
@@ -41,42 +41,42 @@ class PlayedShot:
 
     number: int  # from 1
     scene: Scene
-    learnt: int  # number of shots to which model and map had been fitted
-    planned_end: Array  # (2,) where the plan predicts that the cue ball stops [m]
-    spread: float  # predicted miss: median distance from there of the plays that judged the plan [m]
+    learnt: int  # number of shots to which model and map were fitted
+    planned_end: Array  # (2,) predicted resting place of the cue ball [m]
+    spread: float  # predicted miss: median distance from there over the plays that evaluated the plan [m]
     pot_probability: float  # predicted
-    potted: bool | None  # None where it was not seen
-    cue_end: Array | None  # (2,) where the cue ball stopped [m]; None in a pocket, or not seen
-    floor: float  # median distance of the same stroke's repeats from their middle [m]; nan where it was not repeated
+    potted: bool | None  # None if it was not seen
+    cue_end: Array | None  # (2,) resting place of the cue ball [m]; None if it fell, or was not seen
+    floor: float  # median distance of the stroke's repeats from their middle [m]; nan without repeats
     plan: dict[str, Any]
     played: dict[str, Any]
     clip: Clip | None
 
     @property
     def miss(self) -> float:
-        """Distance of the cue ball from its planned place [m]; nan where it did not stop on the table."""
+        """Distance of the cue ball from its planned place [m]; nan if it did not stop on the table."""
         return math.nan if self.cue_end is None else float(np.hypot(*(self.cue_end - self.planned_end)))
 
     @property
     def chosen(self) -> bool:
-        """Whether it was chosen to learn from, and not to pot."""
+        """Whether the shot was chosen for learning, not for potting."""
         return self.plan.get("method") == GIVEN
 
     @property
     def from_wanted(self) -> float:
-        """Distance of the cue ball from its wanted place [m]; nan where it fell."""
+        """Distance of the cue ball from its wanted place [m]; nan if it fell."""
         return _number(self.played.get("from_wanted"))
 
 
 @dataclass(frozen=True)
 class Refit:
-    """What was learnt from the shots so far."""
+    """The result of a refit to the shots so far."""
 
     shots: int
     verdict: tuple[str, ...]  # effects added to the base
-    unexplained: str  # what remains, in words; "" for nothing
+    unexplained: str  # unexplained structure in words; "" for none
     rms: float  # of the fitted clips, per axis [m]
-    held_rms: float  # of those held out [m]; nan without any
+    held_rms: float  # of the held-out clips [m]; nan without any
     chi2: float
     values: dict[str, tuple[float, float]]  # constants of the table, with standard deviations
     launcher: dict[str, tuple[float, float]]  # constants of the cueing map, with standard deviations
@@ -90,22 +90,22 @@ class History:
     course: dict[str, Any]  # the settings in course.json
     shots: tuple[PlayedShot, ...]
     refits: tuple[Refit, ...]
-    ended: str  # why it stopped by itself; "" where it did not
+    ended: str  # the reason why it stopped early; "" if it did not
 
     def played_to_pot(self, first: int, last: int) -> list[PlayedShot]:
-        """Shots first to last, both counted from 1, without those that were chosen to learn from."""
+        """Shots first to last, both counted from 1, without those chosen for learning."""
         return [s for s in self.shots if first <= s.number <= last and not s.chosen]
 
     def median_miss(self, first: int, last: int) -> float:
-        """Of shots first to last that were played to pot [m]; nan without any."""
+        """Median miss of potting shots, first to last [m]; nan without any."""
         return _median([s.miss for s in self.played_to_pot(first, last)])
 
     def median_spread(self, first: int, last: int) -> float:
-        """The miss that their plans predict [m]."""
+        """Median miss predicted by the plans of these shots [m]."""
         return _median([s.spread for s in self.played_to_pot(first, last)])
 
     def floor(self, first: int, last: int) -> float:
-        """The launcher's own scatter in these shots, measured by repeats [m]; nan where none were."""
+        """The launcher's scatter in these shots, measured by repeats [m]; nan without repeats."""
         return _median([s.floor for s in self.played_to_pot(first, last)])
 
 
@@ -125,7 +125,7 @@ def fit_folder(folder: Path | str, shots: int) -> Path:
 
 
 def read_json(path: Path, form: str) -> dict[str, Any]:
-    """A JSON file of a format; BadInput where it cannot be read or has another format."""
+    """A JSON file of a given format; BadInput if it cannot be read or has another format."""
     return files.read_json(path, form, FOLDER_REMEDY)
 
 
@@ -138,7 +138,7 @@ def count_played(folder: Path | str) -> int:
 
 
 def predicted_stop(plan: dict[str, Any]) -> tuple[Array, float]:
-    """Where a plan predicts the cue ball to stop (2,) [m], and the median distance of its plays from there [m]."""
+    """A plan's predicted resting place of the cue ball (2,) [m], and the median distance of its plays from it [m]."""
     places = _points(plan["places"]["cue"])
     if len(places) == 0:
         return np.full(2, math.nan), math.nan
@@ -147,10 +147,10 @@ def predicted_stop(plan: dict[str, Any]) -> tuple[Array, float]:
 
 
 def read_history(folder: Path | str) -> History:
-    """A series from its folder.
+    """Read a series from its folder.
 
     Raises:
-        BadInput: for a folder without a series, or a file in it that cannot be read.
+        BadInput: for a folder without a series, or with an unreadable file.
     """
     folder = Path(folder)
     course = read_json(folder / "course.json", SERIES_FORMAT)
@@ -173,44 +173,44 @@ def read_history(folder: Path | str) -> History:
 
 
 def _ended(path: Path) -> str:
-    """Why a series stopped by itself, in a line; "" where it did not."""
+    """The reason why a series stopped early, in a line; "" if it did not."""
     faults = Faults()
     text = faults.settle(files.read_text(path, str(path), faults, FOLDER_REMEDY)) if path.is_file() else ""
     return one_line(text.strip())
 
 
 def _number(value: Any) -> float:
-    """A number of a file, or nan for none; ValueError for anything else."""
+    """A number from a file, or nan for null; ValueError for anything else."""
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is no number")
+        raise ValueError(f"{value!r} is not a number")
     return float(value)
 
 
 def _points(values: Any) -> Array:
-    """Places of a file: (n, 2) [m]; ValueError for anything else."""
+    """Positions from a file: (n, 2) [m]; ValueError for anything else."""
     found = np.array(values, float)
     if found.size and (found.ndim != 2 or found.shape[1] != 2 or not np.isfinite(found).all()):
-        raise ValueError("a place is no pair of numbers")
+        raise ValueError("a position is not a pair of numbers")
     return found.reshape(-1, 2)
 
 
 def _text(value: Any) -> str:
-    """A text of a file, or "" for none; ValueError for anything else."""
+    """A text from a file, or "" for null; ValueError for anything else."""
     if not isinstance(value, str | None):
-        raise ValueError(f"{value!r} is no text")
+        raise ValueError(f"{value!r} is not a text")
     return value or ""
 
 
 def _check_shot(plan: Mapping[str, Any], played: Mapping[str, Any]) -> None:
-    """ValueError, or a kin of it, for what reports and recordings could not draw."""
+    """Raise ValueError, or a similar error, for values that reports and recordings cannot draw."""
     for track in plan.get("tracks") or []:
         if len(_points(track["xy"])) != np.array(track["t"], float).size or not _text(track["ball"]):
             raise ValueError("a track has more times than places, or no ball")
     pocket = plan.get("pocket")
     if pocket is not None and not (len(pocket) == 2 and all(side in (-1, 0, 1) for side in pocket) and pocket[1]):
-        raise ValueError(f"{pocket!r} is no pocket")
+        raise ValueError(f"{pocket!r} is not a pocket")
     if any(played.get(key) not in (True, False, None) for key in ("potted", "cue_fell")):
         raise ValueError("potted and cue_fell are true, false or null")
     for text in (plan.get("kind"), *(played.get("noted") or [])):

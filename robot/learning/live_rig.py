@@ -1,9 +1,9 @@
-"""A series, or one plan, at a real table: an operator sets up balls and stand, a camera watches and films.
+"""The rig of a series, or of one plan, at a real table: an operator sets up balls and stand, a camera films.
 
-In: a live camera, a launcher and callbacks that ask the operator. Out: a `robot.learning.loop.Rig`. The camera decides
-when a scene is set up: every ball within PLACING_TOLERANCE_M of its place is enough, as the plan is made for where it
-really lies. The turn of the stand that remains is shown live from the camera's picture of the cue
-(robot/camera/align.py) until it is aligned; nothing is struck from a stand that is not.
+In: a live camera, a launcher and callbacks for questions to the operator. Out: a `robot.learning.loop.Rig`. The camera
+decides when a scene is set up: every ball must be within PLACING_TOLERANCE_M of its place, since the plan is made for
+the actual positions. The remaining turn of the stand is shown live from the camera's picture of the cue
+(robot/camera/align.py) until it is aligned; there is no stroke from a stand that is not.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ class LiveRig:
     camera: LiveCamera
     settings: Settings
     connect: Callable[[], Launcher]  # a launcher, not yet connected
-    confirm: Callable[[str], bool]  # asks before every stroke
-    ready: Callable[[str], bool]  # says what to do and waits until it is done; False ends the series
+    confirm: Callable[[str], bool]  # question before every stroke
+    ready: Callable[[str], bool]  # gives an instruction and waits until it is done; False ends the series
     say: Callable[[str], None] = print
 
     def set_up(self, scene: Scene, number: int) -> SceneSetup:
-        """Have the balls of a shot set up, until the camera sees them in their places.
+        """Ask for the balls of a shot to be set up, until the camera sees them in their places.
 
         Raises:
             BadInput: the operator ends the series, or the balls are not in their places after many tries.
@@ -47,12 +47,12 @@ class LiveRig:
         if (scene.table, scene.ball) != (self.camera.table, self.camera.ball):
             raise BadInput(
                 f"the series is for {scene.table}, {scene.ball}; the camera sees {self.camera.table}, "
-                f"{self.camera.ball}: begin with a model of this table (robot learn --model)"
+                f"{self.camera.ball}: start with a model of this table (robot learn --model)"
             )
         text = "; ".join(words_of(scene.table, name, xy) for name, xy in zip(scene.names, scene.position, strict=True))
         for _ in range(MAX_PLACING_TRIES):
             if not self.ready(f"shot {number}: put {text}"):
-                raise BadInput(f"shot {number}: not set up; the same command goes on from here")
+                raise BadInput(f"shot {number}: not set up; the same command continues from here")
             faults, ball = self._faults(scene)
             if not faults:
                 return SceneSetup(self.camera, self.connect(), partial(self.turn, ball_xy=ball), self.confirm)
@@ -64,10 +64,10 @@ class LiveRig:
 
         Args:
             azimuth: wanted [rad].
-            ball_xy: (2,) of the ball that will be struck [m]; None: found in the picture.
+            ball_xy: (2,) of the ball to be struck [m]; None to find it in the picture.
 
         Raises:
-            BadInput: the stand cannot be turned to it, or no more pictures come and it is not aligned.
+            BadInput: the azimuth is beyond the stand's range, or no more pictures come and it is not aligned.
         """
         low, high = self.settings.limits.yaw_deg
         degrees = self.settings.check_yaw(round(math.degrees(azimuth), 6))
@@ -76,18 +76,18 @@ class LiveRig:
         remaining = turn_for(line, azimuth)
         if remaining.side:
             raise BadInput(
-                f"no more pictures came, and the stand is not aligned ({remaining}); check that the camera films"
+                f"no more pictures came, and the stand is not aligned ({remaining}); check that the camera is filming"
             )
 
     def repeat(self, plan: Path, number: int) -> Array | None:
-        """No repeats: nobody sets up a scene twenty times."""
+        """None: at a real table strokes are not repeated."""
         return None
 
     def _faults(self, scene: Scene) -> tuple[list[str], Array | None]:
-        """What is not yet in its place, and where the cue ball is seen (2,) [m]."""
+        """The balls that are not in their places yet, and the position of the cue ball (2,) [m]."""
         try:
             seen = self.camera.look()
-        except BadInput as error:  # no ball at all, or somebody in the picture: not a reason to end a series
+        except BadInput as error:  # no ball, or a person in the picture: no reason to end a series
             return [str(error)], None
         faults = [f"{name} is not seen" for name in scene.names if name not in seen]
         faults += [f"{name} is not in the scene" for name in seen if name not in scene.names]

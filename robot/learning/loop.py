@@ -1,16 +1,15 @@
-"""The closed loop: plan a shot, play it, film it, compare; refit every few shots and plan on with the new model.
+"""The closed loop: plan a shot, play it, film it, compare; refit every few shots and plan with the new model.
 
-In: a model and a cueing map to begin with, which may be wrong (`LearningConfig`), and a rig to play on (`Rig`). Out:
-the files of the series in its folder (robot/learning/history.py) and its `History`. Scenes are drawn from the seed; the
-balls are set up, the camera measures where they really lie, and the plan is made for those positions. Every `every`
-shots sysid/selection/discover.py fits all films from the start model on, names the effects that they ask for and fits
-all constants; the cueing map is fitted to the filmed strokes and their commands. The series ends after `shots`, or by
-itself where nothing improves: the effects stay the same, and the cue ball's miss is down to what the plans predict, or
-has not fallen in two refits.
+In: a start model and cueing map, which may be wrong (`LearningConfig`), and a rig (`Rig`). Out: the files of the series
+in its folder (robot/learning/history.py) and its `History`. Scenes are drawn from the seed; the balls are set up, the
+camera measures their actual positions, and the plan is made for these. Every `every` shots sysid/selection/discover.py
+fits all films from the start model on, names missing effects and fits all constants; the cueing map is fitted to the
+filmed strokes and their commands. The series ends after `shots`, or earlier without improvement: if the effects stay
+the same, and the cue ball's miss has fallen to the plans' prediction, or has not fallen in two refits.
 
-Every result is in a file as soon as it is known; nothing else is kept. An interrupted series continues with the first
-shot or refit that is missing; on the emulator the result is the same. After a refit, shots that tell most come first
-(robot/learning/chosen.py); the others are those that one would play.
+Every result is written to a file immediately; there is no other state. An interrupted series continues with the first
+missing shot or refit, with the same result on the emulator. After a refit, the most informative shots come first
+(robot/learning/chosen.py); the others are typical shots of play.
 """
 
 from __future__ import annotations
@@ -56,32 +55,32 @@ from robot.play import PLAYED_FORMAT, ShotCamera, play_plan, played_file
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation.fitted import MISS_OVER_AXIS
 
-MAX_SCENE_DRAWS = 5  # scenes drawn for one shot until one can be played
-MISS_LIMIT_RATIO = 1.3  # of the launcher's own scatter, below which no model makes the miss much smaller
-MISS_FALL_RATIO = 0.9  # of the previous block's miss, below which the miss has fallen
-MIN_BLOCKS = 3  # blocks needed to decide that nothing improves
+MAX_SCENE_DRAWS = 5  # most scenes drawn for a shot until one can be played
+MISS_LIMIT_RATIO = 1.3  # miss over the launcher's scatter below which no model reduces the miss much
+MISS_FALL_RATIO = 0.9  # miss over that of the previous block below which the miss has fallen
+MIN_BLOCKS = 3  # fewest blocks for the decision that nothing improves
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class SceneSetup:
-    """A scene that is set up, and the launcher behind the cue ball."""
+    """A scene that was set up, with the launcher behind the cue ball."""
 
     camera: ShotCamera
     launcher: Launcher  # not yet connected
-    turn: Callable[[float], None]  # turns the stand to an azimuth [rad]; returns when it is done
-    confirm: Callable[[str], bool] | None = None  # asked before the stroke
+    turn: Callable[[float], None]  # turns the stand to an azimuth [rad], and returns when it is done
+    confirm: Callable[[str], bool] | None = None  # question before the stroke
 
 
 class Rig(Protocol):
-    """Where a series is played: a table with a launcher and an operator, or the emulator."""
+    """The interface of a rig: a table with a launcher and an operator, or the emulator."""
 
     def set_up(self, scene: Scene, number: int) -> SceneSetup:
-        """Set up the balls of a shot, within the errors of a hand."""
+        """Set up the balls of a shot, with the errors of placing by hand."""
         ...
 
     def repeat(self, plan: Path, number: int) -> Array | None:
-        """Where the cue ball stops when the stroke is repeated from the same place (n, 2) [m]; None: not repeated."""
+        """Repeat the stroke from the same place; returns the cue ball's end points (n, 2) [m], None without repeats."""
         ...
 
 
@@ -89,19 +88,19 @@ class Rig(Protocol):
 class LearningConfig:
     """Settings of a series."""
 
-    model: Model  # to begin with
-    cueing_map: CueingMap  # to begin with; its [execution] is how well the launcher repeats
+    model: Model  # at the start
+    cueing_map: CueingMap  # at the start; its [execution] is the launcher's repeatability
     shots: int = 60
     every: int = 10  # shots between refits
     seed: int = 0
     balls: int = 2  # in a scene
-    chosen: int = 3  # shots after a refit that are chosen to tell which model is right, at most
-    stops: bool = True  # by itself, where nothing improves
+    chosen: int = 3  # largest number of shots after a refit that are chosen to separate models
+    stops: bool = True  # whether it ends early without improvement
     weights: UtilityWeights = field(default_factory=UtilityWeights)
     effort: Effort = field(default_factory=Effort)
 
     def __post_init__(self) -> None:
-        """BadInput for values out of range."""
+        """Raise BadInput for values out of range."""
         if not 1 <= self.shots <= 9999 or not 4 <= self.every <= 1000:
             raise BadInput(f"{self.shots} shots, a refit every {self.every}; give 1 to 9999, and 4 to 1000")
         if not 0 <= self.chosen < self.every:
@@ -109,21 +108,21 @@ class LearningConfig:
 
     @property
     def study(self) -> Study:
-        """The study that draws the scenes."""
+        """The study from which scenes are drawn."""
         return Study(self.model, self.cueing_map.execution, self.balls, self.seed)
 
     def to_dict(self) -> dict[str, Any]:
-        """The settings that must not change during a series; whether and when it stops may."""
+        """The settings that must not change during a series, that is, all but those of its end."""
         rest = {"every": self.every, "seed": self.seed, "balls": self.balls, "chosen": self.chosen}
         return {"format": SERIES_FORMAT, **rest, "wish": asdict(self.weights), "effort": asdict(self.effort)}
 
 
 def begin(folder: Path | str, config: LearningConfig) -> None:
-    """Make the folder of a series, or check that it holds this one; BadInput where it holds another."""
+    """Make the folder of a series, or check that it holds this one; BadInput if it holds another."""
     folder, fixed = Path(folder), config.to_dict()
     model, cueing_map = folder / "start.toml", folder / "start_map.toml"
     if (folder / "course.json").is_file():
-        known = {"chosen": 0} | read_json(folder / "course.json", SERIES_FORMAT)  # older series had none
+        known = {"chosen": 0} | read_json(folder / "course.json", SERIES_FORMAT)  # missing in older series
         other = [name for name, value in fixed.items() if known.get(name) != value]
         if not other and read_model(model).parameters() != config.model.parameters():
             other = ["model"]
@@ -132,9 +131,9 @@ def begin(folder: Path | str, config: LearningConfig) -> None:
         if other:
             raise BadInput(f"{folder}: holds a series with another {other[0]}; use that again, or name another folder")
         return
-    begun = {model.name, cueing_map.name, "shots"}  # of a beginning that was cut short
+    begun = {model.name, cueing_map.name, "shots"}  # files of an interrupted start
     if folder.exists() and (not folder.is_dir() or {path.name for path in folder.iterdir()} - begun):
-        raise BadInput(f"{folder}: exists and holds no series; name another folder")
+        raise BadInput(f"{folder}: exists but holds no series; name another folder")
     made_folder(folder / "shots")
     write_model(config.model, model)
     write_map(cueing_map, config.cueing_map)
@@ -150,14 +149,14 @@ def learn(
     Args:
         folder: of the series.
         config: its settings.
-        rig: where it is played.
+        rig: the rig that plays it.
         say: called with the result of every shot and refit.
-        report: called with what is being done.
-        watch: called with a shot's number when its plan is written, when it is played, and after a refit to it.
+        report: called with a description of the current step.
+        watch: called with a shot's number when it is planned, when it is played, and after a refit.
 
     Raises:
         BadInput: for a folder of another series, a scene that was not set up, a stroke that was not confirmed.
-        LauncherError: as play_plan; all shots played so far are kept.
+        LauncherError: as in play_plan; all shots played so far are kept.
     """
     folder = Path(folder)
     begin(folder, config)
@@ -179,14 +178,14 @@ def learn(
 
 
 def why_ended(history: History, every: int) -> str:
-    """Why a series needs no more shots, after a refit; "" where it does."""
+    """The reason why a series needs no more shots after a refit; "" if it does."""
     n, refits = len(history.shots), history.refits
     if n < MIN_BLOCKS * every or len(refits) < MIN_BLOCKS or refits[-1].verdict != refits[-2].verdict:
         return ""
     misses = [history.median_miss(n - (k + 1) * every + 1, n - k * every) for k in range(MIN_BLOCKS)]
     predicted = history.median_spread(n - every + 1, n)
     figures = f"the cue ball's miss is {1e3 * misses[0]:.0f} mm (median of {every}), predicted {1e3 * predicted:.0f} mm"
-    scatter = history.floor(n - every + 1, n)  # what no model takes away; where it was not measured, as plans predict
+    scatter = history.floor(n - every + 1, n)  # the floor for any model; if it was not measured, the plans' prediction
     figures += f", and the launcher alone scatters {1e3 * scatter:.0f} mm" if math.isfinite(scatter) else ""
     least = scatter if math.isfinite(scatter) else predicted
     if misses[0] <= MISS_LIMIT_RATIO * least and misses[0] >= MISS_FALL_RATIO * misses[1]:
@@ -197,7 +196,7 @@ def why_ended(history: History, every: int) -> str:
 
 
 def latest(folder: Path, config: LearningConfig, learnt: int) -> tuple[Model, CueingMap]:
-    """Model and map learnt from that many shots; those to begin with for 0."""
+    """Model and map learnt from a number of shots; for 0 those of the start."""
     if not learnt:
         return config.model, config.cueing_map
     return read_model(fit_folder(folder, learnt) / "model.toml"), read_map(fit_folder(folder, learnt) / "map.toml")
@@ -207,7 +206,7 @@ def _play(
     folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: int, report: Report,
     watch: Callable[[int], None],
 ) -> str:  # fmt: skip
-    """Plan and play one shot; its result in words."""
+    """Plan and play one shot; returns its result in words."""
     report(f"shot {number}: the scene")
     setup, plan = _planned(folder, config, rig, number, learnt)
     path = plan_file(folder, number)
@@ -224,7 +223,7 @@ def _play(
     if played.cue_end is not None:
         miss = f"{1e3 * float(np.hypot(*(target - played.cue_end))):.0f} mm from its planned place"
         if not np.isfinite(target).all():
-            miss = "on the table, and planned to fall"
+            miss = "stayed on the table, though planned to fall"
     if plan["method"] == GIVEN:
         return f"shot {number:3d}: played {plan['why']}; the cue ball {miss}"
     return f"shot {number:3d}: {pot} ({100 * plan['pot_probability']['value']:.0f} % predicted), the cue ball {miss}"
@@ -233,7 +232,7 @@ def _play(
 def _planned(
     folder: Path, config: LearningConfig, rig: Rig, number: int, learnt: int
 ) -> tuple[SceneSetup, dict[str, Any]]:
-    """A shot that is set up, and its plan: one that is chosen to learn from, or one of a scene that is drawn."""
+    """Set up a shot and plan it: a chosen one, or one of a drawn scene."""
     model, cueing_map = latest(folder, config, learnt)
     seed, turn = config.study.number(number, 2), number - learnt - 1
     strokes, execution = with_map(Strokes(), cueing_map, model.ball), execution_of(cueing_map)
@@ -250,16 +249,16 @@ def _planned(
 
 
 def _set_up(rig: Rig, asked: Scene, number: int) -> tuple[SceneSetup, Scene]:
-    """A scene that is set up, and as the camera sees it."""
+    """Set up a scene; returns it with the positions measured by the camera."""
     setup = rig.set_up(asked, number)
     seen = setup.camera.look()
     if lacking := [name for name in asked.names if name not in seen]:
-        raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it there and run the same command again")
+        raise BadInput(f"shot {number}: ball {lacking[0]} is not seen; put it in place and run the same command again")
     return setup, dataclasses.replace(asked, position=np.array([seen[name] for name in asked.names]))
 
 
 def _repeat(plan: Path, rig: Rig, number: int) -> None:
-    """Repeat the stroke and write where the cue ball stops beside the plan; no file where the rig does not repeat."""
+    """Repeat the stroke and write the cue ball's end points next to the plan; without repeats there is no file."""
     ends = rig.repeat(plan, number)
     if ends is not None:
         record = {"format": "billiard-repeats/1", "plan": plan.name, "cue": np.round(ends, 5).tolist()}
@@ -267,7 +266,7 @@ def _repeat(plan: Path, rig: Rig, number: int) -> None:
 
 
 def _refit(folder: Path, config: LearningConfig, learnt: int, report: Report) -> str:
-    """Fit table and launcher to the shots so far and write the result; the result in words."""
+    """Fit table and launcher to the shots so far and write the result; returns it in words."""
     began = time.monotonic()
     out = fit_folder(folder, learnt)
     made_folder(out)
@@ -293,7 +292,7 @@ def _refit(folder: Path, config: LearningConfig, learnt: int, report: Report) ->
 
 
 def films(folder: Path, learnt: int) -> tuple[ClipSet, list[dict[str, Any]]]:
-    """The films of the first `learnt` shots, and the played record of each; shots without a film are left out."""
+    """The films of the first `learnt` shots with their played records, without shots that have no film."""
     clip_set = read_clip_set(folder / "clips")
     by_file = {clip.file: clip for clip in clip_set.clips}
     records = [read_json(played_file(plan_file(folder, k)), PLAYED_FORMAT) for k in range(1, learnt + 1)]

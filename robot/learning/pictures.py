@@ -1,8 +1,8 @@
-"""Figures of a series of shots: how far the cue ball missed, what was learnt when, and the misses on the table.
+"""Figures of a series of shots: misses of the cue ball, findings over time, and misses on the table.
 
 Shots are grouped in blocks (robot/learning/blocks.py), shown by their medians: the miss of a single shot is one sample
-of launcher and scene, and an in-off has none. The same series gives the same bytes. Left out: how well the films are
-fitted, which is in the report of the discovery.
+of launcher and scene, and an in-off has none. The same series gives the same bytes. Left out: the quality of the fits
+to films, which is in the report of the discovery.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from robot.learning.blocks import block_size, blocks, changes, ends, pot_count
 from robot.learning.history import History, PlayedShot
 
 SINGLE_SHOT_COLOUR = "#9dbfe0"  # behind the medians
-LOST_SHOT_COLOUR = "#ff9f1c"  # of a cue ball that fell or was not seen
-LINE_HEIGHT_IN = 0.135  # of a note over the figure
-LETTER_WIDTH_IN = 0.056  # about
+LOST_SHOT_COLOUR = "#ff9f1c"  # for a cue ball that fell or was not seen
+LINE_HEIGHT_IN = 0.135  # height of a note's line above the figure
+LETTER_WIDTH_IN = 0.056  # approximate width of a letter
 MIN_ARROW_M = 0.08  # a shorter miss leaves no room for an arrow's head
-PANELS_ACROSS = 4  # of the figure of constants
-MAX_BLOCK_LABELS = 12  # under the bars of pots
+PANELS_ACROSS = 4  # columns of the figure of constants
+MAX_BLOCK_LABELS = 12  # most labels below the bars of pots
 
 
 def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
@@ -58,7 +58,7 @@ def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
         for label, face, use in (
             ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) and not shot.chosen for shot in shots]),
             ("one shot, not potted", PAPER_COLOUR, [not shot.potted and not shot.chosen for shot in shots]),
-            ("one shot, chosen to learn from", NOISE_COLOUR, [shot.chosen for shot in shots]),
+            ("one shot, chosen for learning", NOISE_COLOUR, [shot.chosen for shot in shots]),
         ):
             shown = np.array(use, bool) & (miss > 0)
             if shown.any():
@@ -213,13 +213,13 @@ def pots(story: History) -> tuple[float, Draw] | None:
 
 
 def _median_away(story: History, first: int, last: int) -> float:
-    """Median distance from the wanted position of shots first to last [m]; nan without any."""
+    """Median distance from the wanted position over shots first to last [m]; nan without any."""
     known = [shot.from_wanted for shot in story.played_to_pot(first, last) if math.isfinite(shot.from_wanted)]
     return float(np.median(known)) if known else math.nan
 
 
 def _steps(ax: Any, story: History, of: Callable[[int, int], float], label: str, style: dict[str, Any]) -> None:
-    """A level line over every block, in mm."""
+    """Draw a horizontal line for every block, in mm."""
     for first, last in blocks(story):
         value = 1e3 * of(first, last)
         if value >= 0:
@@ -228,13 +228,13 @@ def _steps(ax: Any, story: History, of: Callable[[int, int], float], label: str,
 
 
 def _last(story: History) -> int:
-    """The last shot on the axis."""
+    """The last shot of the axis."""
     return max([1, len(story.shots), *(refit.shots for refit in story.refits)])
 
 
 def _placed_notes(story: History, width: float) -> tuple[list[tuple[float, int, str, str]], int]:
-    """What refits found, placed over a figure [inch] without overlap: x, row from below, side, text; and the rows."""
-    inch = (width - 1.0) / _last(story)  # of one shot
+    """Notes on findings of refits above a figure [inch], without overlap: x, row, side, text; and number of rows."""
+    inch = (width - 1.0) / _last(story)  # width of one shot
     taken: list[list[tuple[float, float]]] = []
     notes = []
     for change in changes(story):
@@ -270,7 +270,7 @@ def _names(story: History, kind: str) -> list[str]:
 
 
 def _limits(value: Any, bar: Any) -> tuple[float, float]:
-    """Limits of an axis: all values, and their bars as far as the values remain distinct."""
+    """Limits of an axis: all values, and error bars as far as the values remain distinguishable."""
     value, bar = value[np.isfinite(value)], bar[np.isfinite(value)]
     span = float(np.ptp(value))
     typical = float(np.median(bar)) if len(bar) else 0.0
@@ -280,7 +280,7 @@ def _limits(value: Any, bar: Any) -> tuple[float, float]:
 
 
 def _arrows(ax: Any, table: Table, shots: list[PlayedShot]) -> None:
-    """Predicted position, arrow and resting position of each shot on the table."""
+    """Draw predicted position, arrow and resting position of each shot on the table."""
     draw_table(ax, table)
     known = [shot for shot in shots if np.isfinite(shot.planned_end).all()]
     stopped = [(shot, shot.cue_end) for shot in known if shot.cue_end is not None]

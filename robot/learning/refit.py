@@ -1,13 +1,12 @@
-"""Table and launcher fitted to a series of filmed strokes.
+"""Fit of table and launcher to a series of filmed strokes.
 
-In: the clip set of the films and the played record of each (robot/play.py), the start model and start map. Out:
-`Learnt`.
+In: the clip set of the films with their played records (robot/play.py), the start model and start map. Out: `Learnt`.
 
-The launcher: the ball's velocity before its first impact in every film, with the commanded string, stage and yaw, is a
-campaign to which the cueing map is fitted; where the strokes hold little information the start map stays. The table:
-sysid/selection/discover.py on the films, each cut where a pocket's jaws come into play, with the stroke that this map
-predicts as the command, so that an unknown launcher does not look like an effect of the table. A squirt that is found
-all the same belongs to the launcher: it is dropped and the map is fitted again.
+The launcher: the ball's velocity before its first impact in every film, with the commanded string, stage and yaw, forms
+a campaign to which the cueing map is fitted; if the strokes contain little information the start map is kept. The
+table: sysid/selection/discover.py on the films, each cut at the first contact with a pocket's jaws, with the stroke
+predicted by this map as the command, so that an unknown launcher does not look like an effect of the table. A squirt
+that is found nevertheless belongs to the launcher: it is dropped and the map is fitted again.
 """
 
 from __future__ import annotations
@@ -39,22 +38,22 @@ from sysid.estimation.state_search import Optima, up_to_event
 from sysid.report.result_json import result_of
 from sysid.selection.discover import discover
 
-MIN_STROKES = 8  # from which the map is fitted anew; the start map is its prior
-MAX_START_S = 0.4  # of a film, from which the ball's first velocity is fitted
-SQUIRT_NAME = "squirt"  # of the effect, or of its slot
+MIN_STROKES = 8  # fewest strokes for a new map; the start map is its prior
+MAX_START_S = 0.4  # beginning of a film to which the ball's first velocity is fitted
+SQUIRT_NAME = "squirt"  # name of the effect, or of its slot
 log = logging.getLogger("sysid.relearn")
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """Table and launcher, as fitted to a series of strokes."""
+    """Table and launcher fitted to a series of strokes."""
 
     model: Model
     cueing_map: CueingMap
     result: dict[str, Any]  # of the discovery, billiard-discovery/1
 
     def launcher(self) -> dict[str, dict[str, float]]:
-        """Constants of the map, with their standard deviations."""
+        """Constants of the map with their standard deviations."""
         sds = np.sqrt(np.diag(self.cueing_map.covariance))
         made = self.cueing_map.constants
         return {n: {"value": getattr(made, n), "sd": float(s)} for n, s in zip(CONSTANT_NAMES, sds, strict=True)}
@@ -63,12 +62,12 @@ class Learnt:
 def relearn(
     clip_set: ClipSet, played: Sequence[Mapping[str, Any]], start: Model, start_map: CueingMap, known: Model,
 ) -> Learnt:  # fmt: skip
-    """Fit both to all strokes so far.
+    """Fit table and launcher to all strokes so far.
 
     Args:
         clip_set: films of the strokes.
-        played: the record of each (billiard-played/1), in the same order.
-        start: model from which the discovery begins.
+        played: their records (billiard-played/1), in the same order.
+        start: start model of the discovery.
         start_map: prior of the cueing map.
         known: best model so far.
     """
@@ -93,7 +92,7 @@ def learn_launcher(
 
 
 def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing_map: CueingMap) -> ClipSet:
-    """The clips with the commands that a map predicts: speed, azimuth and spin of the ball from string, stage, yaw."""
+    """The clips with commands predicted by a map: speed, azimuth and spin of the ball from string, stage and yaw."""
     records = {record["clip"]["file"]: record for record in played}
     clips = []
     for clip in clip_set.clips:
@@ -107,11 +106,11 @@ def with_commands(clip_set: ClipSet, played: Sequence[Mapping[str, Any]], cueing
 
 
 def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, float, float]]:
-    """First velocity of the struck ball of every clip, by its file: (2,), its sd along and across the path [m/s].
+    """First velocity of the struck ball of every clip, by file: (2,), with its sd along and across the path [m/s].
 
-    Fitted to its path up to the first impact, at most MAX_START_S: an error of the model matters little there. The sd
-    is marginal over all parameters of the initial state: a ball struck near natural roll slides for a few frames only,
-    and spin across its path is then confounded with its direction, whose sd is 25 mrad instead of 1.
+    It is fitted to the path up to the first impact, at most MAX_START_S, where an error of the model matters little.
+    The sd is marginal over all parameters of the initial state: a ball struck near natural roll slides for a few frames
+    only, and spin across its path is then confounded with its direction, whose sd is 25 mrad instead of 1.
     """
     sigma = position_noise(clip_set)
     clip_set, _ = remove_outliers(clip_set, sigma)
@@ -137,7 +136,7 @@ def first_velocities(clip_set: ClipSet, model: Model) -> dict[str, tuple[Array, 
 def strokes_of(
     clip_set: ClipSet, played: Sequence[Mapping[str, Any]], velocities: Mapping[str, tuple[Array, float, float]]
 ) -> list[CueShot]:
-    """Strokes as a campaign has them: the command, and the ball's first velocity."""
+    """The strokes as a campaign: commands, and the ball's first velocities."""
     records = {record["clip"]["file"]: record for record in played}
     out = []
     for k, clip in enumerate(clip_set.clips):

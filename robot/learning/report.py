@@ -1,10 +1,10 @@
-"""The report of a series of shots: what was learnt, and how far the cue ball missed, shot by shot.
+"""The report of a series of shots: findings, and the misses of the cue ball, shot by shot.
 
-One HTML file with its figures inside (robot/learning/pictures.py), for a browser without network or scripts; the main
+One HTML file with embedded figures (robot/learning/pictures.py), for a browser without network or scripts; the main
 figure alone as PNG; and one Rerun recording (models/recording/story.py). A block is the shots between two refits. The
-floor is the launcher's repeatability, the median distance of repeats of a stroke from their middle; where no stroke was
-repeated, the miss that the plans predicted replaces it, including the model's uncertainty. Values and sentences
-are made here, templates/series.html.j2 holds headings and captions. Left out: the discoveries' own reports.
+floor is the launcher's repeatability, the median distance of repeats of a stroke from their middle; if no stroke was
+repeated, it is the miss predicted by the plans, including the model's uncertainty. Values and sentences are made here,
+templates/series.html.j2 holds headings and captions. Left out: the discoveries' own reports.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ REPORT_TEMPLATE = Path(__file__).with_name("templates") / "series.html.j2"
 
 
 def write_report(path: Path | str, story: History, title: str) -> None:
-    """Write one HTML file, whole or not at all; BadInput where it cannot be written."""
+    """Write one HTML file, completely or not at all; BadInput if it cannot be written."""
     figures = {"constants": constants(story), "above": above(story), "pots": pots(story)}
     figures |= {"misses": misses(story), "misses_narrow": misses(story, narrow=True)}
     write_page(
@@ -47,22 +47,22 @@ def write_report(path: Path | str, story: History, title: str) -> None:
 
 
 def write_picture(path: Path | str, story: History) -> None:
-    """Write the main figure as PNG, whole or not at all; BadInput where it cannot be written."""
+    """Write the main figure as PNG, completely or not at all; BadInput if it cannot be written."""
     write_whole(path, png(*misses(story), dpi=144))
 
 
 def write_recording(
     path: Path | str, story: History, title: str = "A series of shots", films: Sequence[Film] = ()
 ) -> str:  # fmt: skip
-    """Write the whole series as one Rerun recording, whole or not at all; what of films went in, in words.
+    """Write the series as one Rerun recording, completely or not at all; returns a line on the films included.
 
-    Raises BadInput where it cannot be written.
+    Raises BadInput if it cannot be written.
     """
     return write_story(path, recording_of(story), title=title, films=films)
 
 
 def sentences(story: History) -> list[str]:
-    """The outcome of a series in plain words."""
+    """The outcome of a series in sentences."""
     count = len(story.shots)
     if not count:
         return ["No shot was played yet.", *_ended(story)]
@@ -86,7 +86,7 @@ def sentences(story: History) -> list[str]:
 
 
 def _floor(story: History, block: Block) -> list[str]:
-    """The last block's miss against the launcher's repeatability alone."""
+    """Sentences on the last block's miss relative to the launcher's repeatability."""
     miss = story.median_miss(*block)
     floor, what = story.floor(*block), f"measured by repeated strokes in {_range(block)}"
     if not math.isfinite(floor):
@@ -102,7 +102,7 @@ def _floor(story: History, block: Block) -> list[str]:
 
 
 def _effects(story: History) -> list[str]:
-    """Effects found and dropped, and what remains."""
+    """Sentences on effects found and dropped, and on unexplained structure."""
     if not story.refits:
         return ["Nothing was refitted yet."]
     found = []
@@ -114,7 +114,7 @@ def _effects(story: History) -> list[str]:
     rest = story.refits[-1].unexplained
     return [
         f"Found: {'; '.join(found)}." if found else "No effect beyond the base was found.",
-        f"Left unexplained: {rest}." if rest else "Nothing is left unexplained by the last refit.",
+        f"Unexplained: {rest}." if rest else "The last refit leaves nothing unexplained.",
     ]
 
 
@@ -133,7 +133,7 @@ def _ended(story: History) -> list[str]:
 
 
 def _refit_rows(story: History) -> list[list[str]]:
-    """Shots, effects, what remains, rms, held-out rms, chi-square and duration of every refit."""
+    """Rows of the refits: shots, effects, unexplained structure, rms, held-out rms, chi-square and duration."""
     return [
         [str(r.shots), ", ".join(r.verdict) or "none", r.unexplained or NO_VALUE, _rms(r.rms), _rms(r.held_rms),
          number(r.chi2), number(r.seconds)]
@@ -142,7 +142,7 @@ def _refit_rows(story: History) -> list[list[str]]:
 
 
 def _shot_rows(story: History) -> list[list[str]]:
-    """Number, pocket, pot predicted, potted, miss, miss predicted, distance from the wanted position and remarks."""
+    """Rows of the shots: number, pocket, predicted pot, pot, miss, predicted miss, distance from wanted, remarks."""
     return [
         [str(s.number), _pocket(s), _percent(s.pot_probability), _yes_no(s.potted), millimetres(s.miss),
          millimetres(s.spread), millimetres(s.from_wanted), "; ".join(_remarks(s)) or NO_VALUE]
@@ -151,17 +151,17 @@ def _shot_rows(story: History) -> list[list[str]]:
 
 
 def _remarks(shot: PlayedShot) -> list[str]:
-    """What was out of the ordinary in a shot."""
+    """Remarks on anything unusual in a shot."""
     out = ["in-off"] * bool(shot.played.get("cue_fell"))
     if shot.played.get("struck", "yes") != "yes":
-        out.append("not known whether it was struck")
+        out.append("unknown whether it was struck")
     out += ["no film"] * (shot.clip is None)
-    out += ["not seen where the cue ball ended"] * (shot.cue_end is None and not shot.played.get("cue_fell"))
+    out += ["resting place of the cue ball not seen"] * (shot.cue_end is None and not shot.played.get("cue_fell"))
     return out + [str(note) for note in shot.played.get("noted") or []]
 
 
 def recording_of(story: History) -> SeriesRecording:
-    """A series as the plain values that are drawn in Rerun."""
+    """A series as plain values for drawing in Rerun."""
     median = {k: story.median_miss(*block) for block in blocks(story) for k in range(block[0], block[1] + 1)}
     shots = tuple(_shot(shot, median[shot.number]) for shot in story.shots)
     found = {change.shots: change for change in changes(story)}
@@ -173,7 +173,7 @@ def recording_of(story: History) -> SeriesRecording:
 
 
 def planned_recording(folder: Path, number: int) -> SeriesRecording:
-    """A shot of a series that is planned and not yet played, as what is drawn in Rerun."""
+    """A planned shot of a series as plain values for drawing in Rerun."""
     plan = read_plan(plan_file(folder, number))
     scene = scene_from(plan["scene"], str(plan_file(folder, number)))
     chance = _percent(float(plan["pot_probability"]["value"]))
@@ -185,7 +185,7 @@ def planned_recording(folder: Path, number: int) -> SeriesRecording:
 
 
 def _ways(plan: dict[str, Any]) -> dict[str, Way]:
-    """The planned ways of the balls that move."""
+    """The planned paths of the moving balls."""
     tracks = plan.get("tracks") or []
     return {one["ball"]: (_array(one["t"]).reshape(-1), _array(one["xy"]).reshape(-1, 2)) for one in tracks}
 
@@ -221,7 +221,7 @@ def _shot(shot: PlayedShot, median: float) -> SeriesShot:
 
 
 def _lesson(refit: Refit, added: Sequence[str]) -> str:
-    """What a refit found, in a line."""
+    """The findings of a refit, in a line."""
     new = f"new: {', '.join(added)}" if added else "nothing new"
     left = f"; left: {refit.unexplained}" if refit.unexplained else ""
     return (
@@ -236,12 +236,12 @@ def _array(values: object) -> Array:
 
 
 def _drawn(name: str, figure: tuple[float, Draw] | None) -> str | None:
-    """A figure (height [inch], what draws it) as SVG."""
+    """A figure (height [inch], drawing function) as SVG."""
     return None if figure is None else svg(f"story {name}", *figure)
 
 
 def _pocket(shot: PlayedShot) -> str:
-    """The pocket that was played for."""
+    """The intended pocket."""
     pocket = shot.plan.get("pocket") or shot.scene.goal.pocket
     return pocket_name((int(pocket[0]), int(pocket[1]))) if pocket else NO_VALUE
 
@@ -251,7 +251,7 @@ def _yes_no(potted: bool | None) -> str:
 
 
 def _rms(metres: float | None) -> str:
-    """An rms error per axis [m] as a distance on the table, in mm to 0.01 mm."""
+    """An rms error per axis [m] as a distance on the table, in mm with two decimals."""
     return NO_VALUE if metres is None or not math.isfinite(metres) else f"{1e3 * MISS_OVER_AXIS * metres:.2f} mm"
 
 

@@ -1,4 +1,4 @@
-"""A series of the closed loop in figures: misses and pots by block, refits, and the true constants where emulated."""
+"""Figures of a closed-loop series: misses and pots by block, refits, and the true constants of an emulated one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def figures(story: History, course: LearningConfig, stand: EmulatedRig | None) -
 
 
 def _blocks(story: History, every: int) -> list[dict[str, Any]]:
-    """Figures of the shots from one refit to the next."""
+    """Figures of the shots in every block."""
     blocks = []
     for first in range(1, len(story.shots) + 1, every):
         shots = story.shots[first - 1 : first - 1 + every]
@@ -50,7 +50,7 @@ def _blocks(story: History, every: int) -> list[dict[str, Any]]:
 
 
 def _truth(last: Refit | None, course: LearningConfig, stand: EmulatedRig | None) -> dict[str, Any]:
-    """Constants begun with and learnt, beside the hidden ones of an emulated table and launcher."""
+    """Start, learnt and hidden constants of an emulated table and launcher."""
     start = course.model.parameters()
     began = {n: float(v) for n, v in start.items()} | dataclasses.asdict(course.cueing_map.constants)
     hidden: dict[str, float] = {}
@@ -87,8 +87,8 @@ def text_of(result: dict[str, Any]) -> str:
         rows.append((shots, str(b["learnt"]), miss, foreseen, scatter, potted, f"{b['promised']:.1f}", away))
     parts = [
         table(rows),
-        "medians: distance of the cue ball from the planned place, as measured, as predicted by the plan, and as "
-        "the launcher alone scatters; and its distance from the wanted place; all without shots chosen to learn from",
+        "medians: distance of the cue ball from the planned place, measured, predicted by the plan, and due to the "
+        "launcher alone; and its distance from the wanted place; all without shots chosen for learning",
         "",
     ]
     for r in result["refits"]:
@@ -102,7 +102,7 @@ def text_of(result: dict[str, Any]) -> str:
 
 
 def _truth_lines(truth: dict[str, Any]) -> list[str]:
-    """The true constants beside the learnt ones."""
+    """Lines with the true and the learnt constants."""
     emulated = truth["effects"] is not None
     rows: list[tuple[str, ...]] = [("constant", "unit", "began with", "learnt", "sd", *["true"] * emulated)]
     for c in truth["constants"]:

@@ -1,6 +1,6 @@
-"""A series in the viewer while it is played: each shot as planned, then as it was played, and what refits found.
+"""Live view of a series: each shot as planned, then as played, and the findings of refits.
 
-All is read from the series' folder, which holds every result as soon as it is known.
+Everything is read from the series' folder, which contains every result immediately.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
 
 
 class SeriesWatch:
-    """Shows a series; to be called with the number of a shot whenever more is known of it."""
+    """Shows a series; called with the number of a shot whenever there is news of it."""
 
     def __init__(self, folder: Path, feed: Feed, table: Table, ball: Ball) -> None:
-        """Begin with the shots that were played before; `folder` is that of a series that was begun."""
+        """Start with the shots played before; `folder` is that of a started series."""
         self._folder, self._live = folder, LiveStory(feed, f"The series {folder.name}", table, ball)
         self._lessons = 0
         if played := count_played(folder):
             self._show(recording_of(read_history(folder)), 1, played)
 
     def __call__(self, number: int) -> None:
-        """Show a shot as far as it is known."""
+        """Show the current state of a shot."""
         if number > count_played(self._folder):
             self._live.show(planned_recording(self._folder, number))
         else:
             self._show(recording_of(read_history(self._folder)), number, number)
 
     def _show(self, whole: SeriesRecording, first: int, last: int) -> None:
-        """Shots first to last, and the lessons that are new."""
+        """Send shots first to last, and new findings of refits."""
         shots = [one for one in whole.scenes if first <= one.number <= last]
         new = whole.lessons[self._lessons :]
         self._lessons = len(whole.lessons)

@@ -1,1 +1,1 @@
-"""Strokes at a real table: a person puts the ball back, the launcher at its port strikes, a camera films."""
+"""Strokes at a real table: a person puts the ball back, the launcher strikes it, and a camera films it."""

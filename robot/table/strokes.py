@@ -1,12 +1,12 @@
-"""Strokes of a lone ball measured at a real table: for the cueing map, and for how well the launcher repeats.
+"""Strokes of a single ball measured at a real table, for the cueing map and for the launcher's repeatability.
 
-In: a `LoneBall`, the launcher's settings, strokes. Out: a `CueShot` for every stroke of a campaign
+In: a `SingleBall`, the launcher's settings, strokes. Out: a `CueShot` for every stroke of a campaign
 (robot/cueing/campaign.py), `Repeated` for every string (robot/cueing/repeated.py).
 
-Speed and squirt are those of the first path, up to the first cushion, against the direction in which the camera sees
-the cue (robot/cueing/first_track.py). The path says when the hit was: a tracker may miss the first pictures. A stroke
-whose ball is far slower than the usual constants say, or leaves far from where they say, is a miscue. A path length is
-that of the filmed path, with corners no shorter than PATH_STEP_M, so that noise does not lengthen it.
+Speed and squirt are those of the path up to the first cushion, relative to the cue's direction measured by the camera
+(robot/cueing/first_track.py). The path gives the time of the hit, since a tracker may miss the first pictures. A stroke
+whose ball is far slower than the usual constants predict, or leaves in a far different direction, is a miscue. A path
+length is that of the filmed path, with corners no closer than PATH_STEP_M, so that noise does not lengthen it.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from robot.cueing.first_track import MIN_TRACK_FRAMES, MIN_TRACK_S, TRACK_LENGTH
 from robot.cueing.repeated import Repeated, summarised
 from robot.device.settings import Settings
 from robot.play import check_radius, pocket_near
-from robot.table.lone_ball import MAX_FILMS, LoneBall, LoneStroke
+from robot.table.single_ball import MAX_FILMS, SingleBall, SingleBallStroke
 
-HIT_PICTURES = 2  # by which the time of the hit, estimated from the path, may be wrong
-CUSHION_GAP_M = 0.005  # of a ball's edge from a cushion, from which on its path is free
-MIN_SPEED_RATIO = 0.6  # of the ball, over what the usual constants say; below, the tip has slipped
-MAX_SQUIRT_ERROR = 0.15  # from what they say, beyond which it has slipped too [rad]
-PATH_STEP_M = 0.05  # between corners of a path
+HIT_PICTURES = 2  # possible error of the time of the hit, estimated from the path
+CUSHION_GAP_M = 0.005  # distance of a ball's edge from a cushion beyond which its path is free
+MIN_SPEED_RATIO = 0.6  # speed of the ball over the usual constants' prediction; below it the tip has slipped
+MAX_SQUIRT_ERROR = 0.15  # deviation from their prediction beyond which the tip has slipped [rad]
+PATH_STEP_M = 0.05  # least distance of a path's corners
 
 
-def check_strokes(settings: Settings, strokes: Sequence[tuple[int, float, float]], rig: LoneBall) -> None:
-    """BadInput names a stroke (string, x0_mm, y0_mm) beyond the launcher's limits, or a table too short for a film."""
+def check_strokes(settings: Settings, strokes: Sequence[tuple[int, float, float]], rig: SingleBall) -> None:
+    """Raise BadInput for a stroke (string, x0_mm, y0_mm) beyond the launcher's limits, or too short a table."""
     check_radius(settings, rig.ball, "the balls of the camera file", "calibrate for these balls")
     fastest = max(settings.check_speed(string) for string, _, _ in strokes)
     for x0_mm, y0_mm in {(x, y) for _, x, y in strokes}:
         settings.stage_um(x0_mm, y0_mm)
     along = abs(float(rig.place @ np.array([math.cos(rig.azimuth), math.sin(rig.azimuth)])))
-    room = rig.table.length / 2 + along - rig.ball.radius - CUSHION_GAP_M  # struck from one end to the other
+    room = rig.table.length / 2 + along - rig.ball.radius - CUSHION_GAP_M  # for a ball struck from one end to the other
     speed, _ = ball_speed_and_squirt(Constants(), Geometry(rig.ball), np.array([fastest]), *np.zeros((2, 1)))
     until = min(room / float(speed[0]), TRACK_LENGTH_S)
     seen = int((until - MIN_TRACK_S) * rig.camera.fps)
@@ -52,14 +52,14 @@ def check_strokes(settings: Settings, strokes: Sequence[tuple[int, float, float]
 
 
 class TableStriker:
-    """A launcher and a camera at a table, as `run_campaign` strikes with them."""
+    """A launcher and a camera at a table, a striker for `run_campaign`."""
 
-    def __init__(self, rig: LoneBall, friction: float, played: int, total: int) -> None:
-        """`friction` of the sliding ball [1]; `played` strokes into the campaign, to be played until `total` are."""
+    def __init__(self, rig: SingleBall, friction: float, played: int, total: int) -> None:
+        """Create a striker: sliding `friction` of the ball [1], `played` strokes of the campaign's `total`."""
         self.rig, self.friction, self.played, self.total = rig, friction, played, total
 
     def __call__(self, string: int, x0_mm: float, y0_mm: float) -> CueShot:
-        """Strike once and measure; a stroke that cannot be measured is made again."""
+        """Strike once and measure; a stroke that cannot be measured is repeated."""
         what, fault = f"stroke {self.played + 1} of {self.total}", ""
         for _ in range(MAX_FILMS):
             stroke = self.rig.strike(string, x0_mm, y0_mm, what)
@@ -75,9 +75,9 @@ class TableStriker:
 
 
 def measured(
-    stroke: LoneStroke, rig: LoneBall, friction: float, string: int, x0_mm: float, y0_mm: float
+    stroke: SingleBallStroke, rig: SingleBall, friction: float, string: int, x0_mm: float, y0_mm: float
 ) -> CueShot:  # fmt: skip
-    """Ball speed and squirt of a filmed stroke, x along the cue; BadInput where the film is too short."""
+    """Ball speed and squirt of a filmed stroke, x along the cue; BadInput if the film is too short."""
     times, xy = first_path(stroke, rig)
     asked = stroke.done.asked_speed
     read = read_track(times, xy, friction, max(rig.camera.sigma, 1e-6), x0_mm, y0_mm, rig.ball)
@@ -87,8 +87,8 @@ def measured(
     return CueShot(string, asked, x0_mm, y0_mm, *read, miscue=miscue)
 
 
-def first_path(stroke: LoneStroke, rig: LoneBall) -> tuple[Array, Array]:
-    """Times (n,) [s] and places (n, 2) [m], x along the cue: at rest until 0, then free until the first cushion."""
+def first_path(stroke: SingleBallStroke, rig: SingleBall) -> tuple[Array, Array]:
+    """Times (n,) [s] and positions (n, 2) [m], x along the cue: at rest until 0, then free up to the first cushion."""
     half = np.array([rig.table.length, rig.table.width]) / 2 - rig.ball.radius - CUSHION_GAP_M
     near = np.flatnonzero((np.abs(stroke.ball.xy) > half).any(axis=1))
     free = slice(0, int(near[0]) if near.size else None)
@@ -98,24 +98,24 @@ def first_path(stroke: LoneStroke, rig: LoneBall) -> tuple[Array, Array]:
     if len(times) < MIN_TRACK_FRAMES:
         raise BadInput(f"{len(times)} pictures of the ball before a cushion are too few; use a faster camera")
     speed = float(np.hypot(*np.polyfit(times, xy, 1)[0]))
-    times = times - times[0] + float(np.hypot(*xy[0])) / max(speed, 1e-3)  # the hit at about 0
-    rest = -HIT_PICTURES / rig.camera.fps  # one picture: what a place at rest is off by is the same in all of them
+    times = times - times[0] + float(np.hypot(*xy[0])) / max(speed, 1e-3)  # the hit is at about 0
+    rest = -HIT_PICTURES / rig.camera.fps  # one picture: all of them share the error of the resting place
     return np.append(rest, times), np.concatenate([np.zeros((1, 2)), xy])
 
 
 def measure_repeats(
-    rig: LoneBall, strings: Sequence[int], repeats: int, report: Callable[[Repeated], None]
+    rig: SingleBall, strings: Sequence[int], repeats: int, report: Callable[[Repeated], None]
 ) -> tuple[Repeated, ...]:
-    """Strike each string again and again, tip at the ball's centre.
+    """Strike each string repeatedly, tip at the ball's centre.
 
     Args:
         rig: the table.
-        strings: to be struck, 1 to 200.
+        strings: strings to strike, 1 to 200.
         repeats: of each, 2 or more.
-        report: called with the figures of each string once it is done.
+        report: called with the figures of each finished string.
 
     Raises:
-        BadInput, LauncherError: as `LoneBall.strike`.
+        BadInput, LauncherError: as `SingleBall.strike`.
     """
     found = []
     for n in strings:
@@ -133,8 +133,8 @@ def measure_repeats(
     return tuple(found)
 
 
-def _until_seen(rig: LoneBall, string: int, what: str) -> tuple[LoneStroke, Array]:
-    """A stroke, and where its ball stopped (2,) [m]; nan where a pocket took it."""
+def _until_seen(rig: SingleBall, string: int, what: str) -> tuple[SingleBallStroke, Array]:
+    """A stroke, and the resting place of its ball (2,) [m]; nan if it was pocketed."""
     for _ in range(MAX_FILMS):
         stroke = rig.strike(string, 0.0, 0.0, what, look=True)
         if stroke.end is not None:
@@ -156,6 +156,6 @@ def path_length(xy: Array) -> float:
 
 
 def turned(xy: Array, angle: float) -> Array:
-    """Vectors (n, 2), turned to the left [rad]."""
+    """Vectors (n, 2) turned to the left by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.asarray(xy @ np.array([[c, s], [-s, c]]))

@@ -40,35 +40,35 @@ mass_option = click.option(
 
 
 def camera_option(*, required: bool = False) -> Any:
-    """The camera's file."""
+    """The option that names the camera's file."""
     return input_option("camera", "CAM.toml", "Camera file, made with: sysid calibrate.", required=required)
 
 
 accept_camera_option = click.option(
-    "--accept-camera", is_flag=True, help="Go on with a camera whose calibration is not to be trusted."
+    "--accept-camera", is_flag=True, help="Continue although the camera's calibration is doubtful."
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """What a verb begins with: clips, a model, and what simulates the shots."""
+    """The inputs of a verb: clips, a model, and the engine that simulates the shots."""
 
     clips: Path = given(clips_argument)
     model_files: tuple[Path, ...] = given(models_option, default=())
     engine: str = given(
-        "--engine", "", "What simulates the shots: the compiled event engine, or MuJoCo, which checks results anyway.",
+        "--engine", "", "Engine that simulates the shots: the event engine, or MuJoCo for an independent check.",
         click.Choice(["events", "mujoco"]), "events",
     )  # fmt: skip
 
     def load(self) -> tuple[ClipSet, Model]:
-        """The clip set, and the model named or the base: decoupled cloth with frictional impacts."""
+        """The clip set and the model: the one named, or else the base (decoupled cloth, frictional impacts)."""
         if len(self.model_files) > 1:
-            raise BadInput(f"--model is given {len(self.model_files)} times; give one, several are for: sysid compare")
+            raise BadInput(f"--model is given {len(self.model_files)} times; only sysid compare takes several")
         clip_set, models = self.load_several()
         return clip_set, models[0]
 
     def load_several(self) -> tuple[ClipSet, list[Model]]:
-        """The clip set, and all models named, or the base alone."""
+        """The clip set and the models named, or else the base model alone."""
         from models.model_file import full_model
         from sysid.clips import inspect_clip_set
         from sysid.clips.choose import with_shots
@@ -91,25 +91,25 @@ class Start:
         return clip_set, [self._model(file, clip_set) for file in self.model_files]
 
     def _model(self, file: Path, clip_set: ClipSet) -> Model:
-        """The model of a file, of the clip set's table and ball."""
+        """Read a model file; BadInput if its table or ball differ from those of the clip set."""
         from models.model_file import read_model
 
         model = dataclasses.replace(read_model(file), engine=self.engine)
         if (model.table, model.ball) != (clip_set.table, clip_set.ball):
-            raise BadInput(f"{file}: its table and ball are not those of {self.clips}; fit a model to this clip set")
+            raise BadInput(f"{file}: its table and ball are not those of {self.clips}; fit a model to these clips")
         return model
 
 
 @dataclasses.dataclass(frozen=True)
 class Outputs:
-    """Files that a verb writes where asked, beside what it prints."""
+    """Files that a verb writes on request, in addition to what it prints."""
 
     json_file: Path | None = given(json_option)
     report_file: Path | None = given(report_option)
     rrd_file: Path | None = given(rrd_option)
 
     def write(self, comparisons: Sequence[tuple[str, Comparison]], notes: Sequence[str]) -> None:
-        """The report and the recording of comparisons; the figures are the verb's."""
+        """Write the report and the recording of comparisons; the verb supplies the figures."""
         last = comparisons[-1][1]
         if self.report_file:
             from sysid.report.html import write_report
@@ -127,7 +127,7 @@ class Outputs:
 
 @contextlib.contextmanager
 def spread_over_cluster(scheduler: str | None, folders: Sequence[str]) -> Iterator[None]:
-    """Fits inside are computed by the workers of a cluster, which know the user's effects; here without a scheduler."""
+    """Within this context a cluster's workers compute the fits; without a scheduler this process does."""
     if scheduler is None:
         yield
         return
@@ -139,5 +139,5 @@ def spread_over_cluster(scheduler: str | None, folders: Sequence[str]) -> Iterat
 
 
 def print_recording(path: Path) -> None:
-    """Say where a recording is, and how to open it."""
+    """Print where a recording is, and the command that opens it."""
     print(f"recording: {path} (open it with: {as_called(f'sysid review {shlex.quote(str(path))}')})")

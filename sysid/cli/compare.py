@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @clips_argument
 @json_option
 def check(clips: Path, json_file: Path | None) -> int:
-    """Read a clip set and name every fault in it, and what its tracks contradict.
+    """Check a clip set: report every fault, and every entry that its tracks contradict.
 
     Reads CLIPS/clips.toml and the clips that it lists. Status 2 if there are faults.
 
@@ -40,7 +40,7 @@ def check(clips: Path, json_file: Path | None) -> int:
     if found.clip_set and (pockets := pocket_note(found.clip_set)):
         notes.append(pockets)
     if found.clip_set and found.resting:
-        notes.append(f"{found.resting} clips begin before the strike; it is their time 0, what precedes it is left out")
+        notes.append(f"{found.resting} clips begin before the strike; time 0 is the strike, samples before are ignored")
     if found.clip_set and (running := running_line(found.clip_set.clips)):
         notes.append(running)
     for line in notes:
@@ -90,19 +90,19 @@ def compare(progress: Progress, start: Start, outputs: Outputs) -> int:
 
 
 def labels_of(files: Sequence[Path]) -> list[str]:
-    """What models are called in a comparison: their files, with folders where names alone are alike."""
+    """Labels of the models in a comparison: file names, with folders where the names are the same."""
     if len(files) < 2:
         return ["this model"]
     names = [file.stem for file in files]
     labels = names if len(set(names)) == len(names) else [str(file) for file in files]
     if len(set(labels)) < len(labels):
-        raise BadInput(f"--model {files[0]}: is given twice; name another model, or leave it out")
+        raise BadInput(f"--model {files[0]}: is given twice; name another model, or omit it")
     return labels
 
 
 @click.command()
 @gathered("start", Start)
-@out_option("M2.toml", "Where the fitted model goes.")
+@out_option("M2.toml", "File for the fitted model.")
 @effects_option(exposed=True)
 @gathered("outputs", Outputs)
 @scheduler_option
@@ -115,7 +115,7 @@ def fit(
 
     Reads the clip set CLIPS and the model to start from. Writes the fitted model, and prints its constants and its
     error on clips held out. Status 1 if the fit did not converge. With --scheduler, workers share the fit of 32
-    clips and more; fewer stay here.
+    clips or more; smaller sets are fitted on this machine.
 
     Example: sysid fit CLIPS --out fitted.toml --report fit.html
     """
@@ -134,7 +134,7 @@ def fit(
     for line in found.parts.excluded:
         print(line)
     if not found.converged:
-        print("\nNOT converged: the constants are those at which the fit stopped; they have no standard deviations.")
+        print("\nNOT converged: the constants are those where the fit stopped; no standard deviations are reported.")
     if not found.parts.follows(found.fitted):
         rate = f"{found.fitted.discrepancy_rate * 1e3:.0f} mm per metre"
         print(f"\nAfter the first impact the model's own error grows by {rate} of path.")

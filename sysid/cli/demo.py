@@ -1,4 +1,4 @@
-"""The shipped example, start to end: fit, compare, diagnose, add what is missing, watch the error fall to the noise."""
+"""The shipped example from start to end: fit, compare, diagnose, and add what is missing."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from sysid.selection.screening import Diagnosis
 COMMAND_NAME = "sysid demo"
 EXAMPLE_FOLDER = Path(__file__).parents[1] / "example"
 TRUTH_FILE = EXAMPLE_FOLDER.with_name("example.truth.json")
-TRUE_NAMES = {  # of constants, in the truth file
+TRUE_NAMES = {  # names of constants in the truth file
     "decoupled_cloth.slide": "mus", "decoupled_cloth.roll": "mur", "decoupled_cloth.spin": "spin",
     "ball_impact.restitution": "ebb", "ball_impact.friction": "mubb",
     "cushion_impact.restitution": "ec", "cushion_impact.friction": "muc",
     "table_tilt.slope_x": "tilt_x", "table_tilt.slope_y": "tilt_y",
 }  # fmt: skip
 CONFOUNDED_NOTE = (
-    "(Confounded effects explain part of the same residuals; the evidence says which of them explains all.)"
+    "(Confounded effects explain part of the same residuals; the evidence decides which of them explains all.)"
 )
 
 
@@ -92,7 +92,7 @@ def _print_diagnosis(found: DiscoveryResult) -> None:
 
 
 def _compare_with_truth(model: Model, found: DiscoveryResult) -> None:
-    """Print the hidden constants, read only now, beside those found."""
+    """Read the hidden constants, and print them next to those found."""
     truth = json.loads(TRUTH_FILE.read_text(encoding="utf-8"))
     print(f"\n4. Only now {TRUTH_FILE.name} is read. Hidden: {', '.join(truth['effects'])}. ", end="")
     print(f"Found: {', '.join(found.verdict) or 'nothing'}.\n")

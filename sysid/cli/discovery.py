@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 error_rate_option = click.option(
     "--error-rate", type=click.FloatRange(0.0, 0.5, min_open=True, max_open=True), default=0.05, show_default=True,
-    metavar="SHARE", help="What is left to chance where a cause is added.",
+    metavar="SHARE", help="Accepted probability that an added cause is due to chance.",
 )  # fmt: skip
 JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
 WRITTEN = ("model.toml", RESULT_FILE, "report.html", "review.rrd")
@@ -106,7 +106,7 @@ def discover(
 
     Reads the clip set CLIPS and the model to start from, and repeats until nothing likely remains. Writes
     model.toml, result.json, report.html and review.rrd into DIR. After an interrupt the same command continues there.
-    With --scheduler, workers share the fits of 32 clips and more; fewer stay here.
+    With --scheduler, workers share the fits of 32 clips or more; smaller sets are fitted on this machine.
 
     Example: sysid discover CLIPS --out out/mine
     """
@@ -122,7 +122,7 @@ def discover(
     click.get_current_context().with_resource(alone_in(result_folder(out)))
     journal = Journal(out / JOURNAL_FILE, _fingerprint(clip_set, model))
     if journal.found:
-        print(f"continuing from {journal.path}: {journal.found} fits are known already", flush=True)
+        print(f"continuing from {journal.path}: {journal.found} fits are done already", flush=True)
 
     printed = _Printed(progress)
     try:
@@ -152,13 +152,13 @@ def discover(
 
 
 class _Printed:
-    """What has been printed of a discovery that goes on."""
+    """The progress of a discovery: prints each round once."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._rounds = progress, 0
 
     def rounds(self, found: DiscoveryResult) -> None:
-        """Print the rounds that are new."""
+        """Print the rounds that have not been printed yet."""
         from sysid.report.findings import round_rows
 
         self._progress.close()
@@ -167,21 +167,21 @@ class _Printed:
         self._rounds = len(found.rounds)
 
     def step(self, found: DiscoveryResult) -> None:
-        """Print the rounds that are new, and the miss with the last effect."""
+        """Print the rounds that have not been printed yet, and the miss with the last effect."""
         self.rounds(found)
         last, name = found.last, ", ".join(found.verdict) or "base"
         print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
 
 
 def _to_paste(text: str, out: Path) -> str:
-    """With the command that makes an effect of a formula as it can be pasted here."""
+    """The text with the new-effect command in a form that can be pasted into this shell."""
     from sysid.report.findings import NEW_EFFECT_COMMAND
 
     return text.replace(NEW_EFFECT_COMMAND, as_called(f"sysid new-effect NAME --from {out / RESULT_FILE}"))
 
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:
-    """A digest of all that fits depend on: clips, the model to start from, the catalogue, the sources."""
+    """Digest of everything that the fits depend on: clips, start model, catalogue, sources."""
     from models.model_file import catalogue, own_texts
 
     digest = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""`sysid doctor`: from films of a table to what its model lacks, one verb after the other."""
+"""`sysid doctor`: runs calibrate, track, check and discover on films of a table."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class FilmedTable:
     table_name: str = given("--table", "NAME|LxW", TABLE_HELP, required=True)
     diameter: float | None = given(diameter_option)
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
-    corners: str | None = given("--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels].")
+    corners: str | None = given("--corners", '"u,v u,v u,v u,v"', "Approximate crossings of the nose lines [pixels].")
     click: bool = given("--click", "", "Click these corners in a browser.", bool)
     hold: bool = given("--hold", "", "Keep the corners given to some pixels, and fit the rest.", bool)
     fov: float | None = given(
@@ -67,7 +67,7 @@ class FilmedTable:
         return words + ["--click"] * self.click + ["--hold"] * self.hold
 
     def known_mass(self) -> float | None:
-        """Of a ball [kg], where it was given or belongs to the table's name."""
+        """Mass of a ball [kg], if it was given or follows from the table's name."""
         from models.presets import TABLE_SETS
 
         known = table_set(self.table_name, self.diameter, self.mass, self.no_pockets).ball
@@ -88,8 +88,8 @@ def doctor(
     """Examine a table from films of it: calibrate, track, check and discover.
 
     VIDEO... are films of shots by one camera that stays where it is. Writes the camera, its picture, the clips, a sheet
-    of the shots, and what was found with its report into DIR, and names each verb as it would be given alone. Stops
-    with status 1 where a step is not to be trusted; after a remedy the same command goes on from there.
+    of the shots, and the findings with their report into DIR, and prints each verb as a command of its own. Stops
+    with status 1 if a step is doubtful; once that is remedied, the same command continues from there.
 
     Example: sysid doctor *.mp4 --table "pool 8 ft" --out out/mine
     """
@@ -102,9 +102,9 @@ def doctor(
         from sysid.vision import read_camera
 
         if (doubt := doubt_line(camera, read_camera(camera).doubts)) and not accept_camera:
-            print(f"stopped: {doubt}; delete it to calibrate anew, or go on with --accept-camera")
+            print(f"stopped: {doubt}; delete it to calibrate again, or continue with --accept-camera")
             return Status.FINDING
-        print(f"camera: {camera} is there, kept; delete it to calibrate anew")
+        print(f"camera: using the existing {camera}; delete it to calibrate again")
     else:
         words = [*videos, *sizes, "--out", camera, "--report", folder / CAMERA_PICTURE]
         words += [*filmed.of_camera(), *board.words()]
@@ -119,11 +119,11 @@ def doctor(
         words += [option, value] if value is not None else []
     doubtful = _step(context, track, words)
     if not (clips / "clips.toml").is_file():
-        print("stopped: no shot was found that can be used; the lines above say why")
+        print("stopped: no usable shot was found; the lines above give the reasons")
         return Status.FINDING
     if doubtful:
         again = as_called(f"sysid discover {shlex.quote(str(clips))} --out {shlex.quote(str(folder / FOUND_FOLDER))}")
-        print(f"stopped: tracks are not to be trusted; see {folder / SHEET_FILE}; to go on with them: {again}")
+        print(f"stopped: the tracks are doubtful; see {folder / SHEET_FILE}; to continue with them: {again}")
         return Status.FINDING
     if status := _step(context, check, [clips]):
         return status
@@ -134,7 +134,7 @@ def doctor(
 
 
 def _step(context: click.Context, verb: click.Command, words: Sequence[object]) -> int:
-    """Run a verb as the command line would, and say how it is given alone; returns its status."""
+    """Run a verb as the command line would, and print it as a command; returns its status."""
     texts = [f"{word:.9g}" if isinstance(word, float) else str(word) for word in words]
     print(f"\n$ sysid {verb.name} {shlex.join(texts)}", flush=True)
     with verb.make_context(str(verb.name), texts, parent=context, obj=context.obj) as inner:

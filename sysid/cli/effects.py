@@ -1,4 +1,4 @@
-"""`sysid effects`, `add`, `remove` and `new-effect`: the catalogue, a model's effects, an effect of your own."""
+"""`sysid effects`, `add`, `remove`, `new-effect`: the catalogue, a model's effects, your own effects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from models.errors import BadInput
 @click.command()
 @click.argument("effect", metavar="EFFECT")
 @input_option("model", "M.toml", "Model file to add to.", required=True)
-@out_option("M2.toml", "Where the new model goes.")
+@out_option("M2.toml", "File for the new model.")
 @effects_option()
 def add(effect: str, model_file: Path, out: Path) -> int:
     """Add an effect of the catalogue to a model.
@@ -29,7 +29,7 @@ def add(effect: str, model_file: Path, out: Path) -> int:
     added = effect_class(effect)()
     before = read_model(model_file)
     if effect in [e.name() for e in before.effects]:
-        raise BadInput(f"{model_file}: has {effect} already; fit it with: sysid fit, or take it out with: sysid remove")
+        raise BadInput(f"{model_file}: already has {effect}; fit it with: sysid fit, or remove it with: sysid remove")
     model = before.add(added)
     write_model(model, out)
     names = [e.name() for e in model.effects]
@@ -40,8 +40,8 @@ def add(effect: str, model_file: Path, out: Path) -> int:
 
 @click.command()
 @click.argument("effect", metavar="EFFECT")
-@input_option("model", "M.toml", "Model file to take it from.", required=True)
-@out_option("M2.toml", "Where the new model goes.")
+@input_option("model", "M.toml", "Model file to remove the effect from.", required=True)
+@out_option("M2.toml", "File for the new model.")
 @effects_option()
 def remove(effect: str, model_file: Path, out: Path) -> int:
     """Remove an effect from a model.
@@ -61,13 +61,13 @@ def remove(effect: str, model_file: Path, out: Path) -> int:
         raise BadInput(f"{model_file}: has no effect {effect!r}; {hint}")
     write_model(before.without(effect), out)
     names.remove(effect)
-    print(f"{out}: {', '.join(names) or 'no effects: what MuJoCo does by itself'}")
+    print(f"{out}: {', '.join(names) or 'no effects, so the contacts are those of MuJoCo'}")
     return Status.DONE
 
 
 @click.command()
 @click.argument("names", metavar="[NAME]...", nargs=-1)
-@click.option("--check", is_flag=True, help="Name every fault of these effects, of those in --effects, or of all.")
+@click.option("--check", is_flag=True, help="Report every fault of these effects, of those in --effects, or of all.")
 @json_option
 @effects_option(exposed=True)
 @click.pass_obj
@@ -120,7 +120,7 @@ def _print_effect(name: str, entry: dict[str, Any]) -> None:
 def new_effect(name: str, folder: Path, from_file: Path | None) -> int:
     """Write the file of a new effect, to be filled in, and its test.
 
-    NAME is in small letters joined by _. Writes DIR/NAME.py, which runs as it is, and DIR/test_NAME.py.
+    NAME is in lowercase, words joined by _. Writes DIR/NAME.py, which runs as written, and DIR/test_NAME.py.
 
     Example: sysid new-effect worn_patch --from out/result.json
     """
@@ -128,7 +128,7 @@ def new_effect(name: str, folder: Path, from_file: Path | None) -> int:
 
     checked_name(name)
     effect, test = write(name, folder, source_of(from_file, name) if from_file else None)
-    print(f"{effect}: the effect, which runs as it is; replace its formula")
+    print(f"{effect}: the effect, which runs as written; replace its formula")
     print(f"{test}: its test; run it with: python -m pytest {test}")
     print(f"check it with: {as_called(f'sysid effects --check --effects {folder}')}")
     return Status.DONE

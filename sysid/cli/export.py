@@ -13,14 +13,14 @@ from models.errors import BadInput
 
 @click.command()
 @click.argument("model", metavar="MODEL", type=FILE_PATH)
-@out_option("T.xml", "Where the MJCF, or the system, goes.")
+@out_option("T.xml", "File for the MJCF, or the system.")
 @click.option(
     "--to", "target", type=click.Choice(["mjcf", "pooltool"]), default="mjcf", show_default=True,
-    help="For MuJoCo, or for pooltool 0.6: a system, JSON or MessagePack, and its laws beside it.",
+    help="For MuJoCo, or for pooltool 0.6: a system (JSON or MessagePack) and a file of its laws.",
 )  # fmt: skip
-@click.option("--balls", metavar="A,B,...", help="Names, which give the colours; by default a frame of snooker.")
+@click.option("--balls", metavar="A,B,...", help="Balls by name, which sets their colours; by default a snooker frame.")
 @click.option("--launcher", is_flag=True, help="Add the cue launcher behind the first ball.")
-@click.option("--bare", is_flag=True, help="Leave out what is only seen.")
+@click.option("--bare", is_flag=True, help="Leave out purely visual parts.")
 @effects_option()
 @click.pass_obj
 def export(
@@ -28,9 +28,9 @@ def export(
 ) -> int:  # fmt: skip
     """Export a fitted table for other programs: as plain MJCF for any MuJoCo, or as a system of pooltool's.
 
-    MODEL is a model file. What is written needs no other file and no code of ours: sizes, masses, noses, pockets and
-    slope of the model, and MuJoCo's own contact terms, fitted to it (some minutes). What that leaves out is printed, in
-    millimetres, and stands in the head of the file.
+    MODEL is a model file. The result needs no other file and none of our code: it has the model's sizes, masses, noses,
+    pockets and slope, and MuJoCo's own contact terms, fitted to the model (some minutes). What this leaves out is
+    printed in millimetres, and written at the head of the file.
 
     Example: sysid export out/demo/model.toml --out table.xml --balls white,red
     """
@@ -43,11 +43,11 @@ def export(
         from sysid.pooltool.export import export_pooltool
 
         if launcher or bare:
-            raise BadInput(f"--{'launcher' if launcher else 'bare'} is for MJCF; leave it out beside --to pooltool")
+            raise BadInput(f"--{'launcher' if launcher else 'bare'} applies to MJCF only; omit it with --to pooltool")
         places = None if balls is None else places_of(fitted, balls.split(","))
-        told = export_pooltool(fitted, out, places)
+        lines = export_pooltool(fitted, out, places)
         progress.close()
-        print("\n".join(told))
+        print("\n".join(lines))
         return Status.DONE
     places = places_of(fitted, None if balls is None else balls.split(","))
     table = plain_table(fitted, places, launcher=launcher, bare=bare, origin=model.name)

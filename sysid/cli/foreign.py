@@ -29,25 +29,23 @@ TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """What is known of the files; what is left out is looked for in the tracks."""
+    """What is known of the files; anything not given is inferred from the tracks."""
 
     unit: str | None = given("--unit", "U", "m, cm, mm, in or ft.", click.Choice(["m", "cm", "mm", "in", "ft"]))
     origin: str | None = given("--origin", "AT", "Where x and y are 0.", click.Choice(["centre", "corner"]))
     x_along: str | None = given("--x-along", "SIDE", "Side that x runs along.", click.Choice(["length", "width"]))
     y: str | None = given("--y", "WAY", Y_HELP, click.Choice(["up", "down"]))
-    turned: bool = given("--turned", "", "x and y are counted from the table's other end: half a turn.", bool)
+    turned: bool = given("--turned", "", "x and y count from the table's other end: half a turn.", bool)
     time: str | None = given("--time", "UNIT", "Unit of times.", click.Choice(TIME_UNITS))
-    fps: float | None = given("--fps", "F", "Frames taken in a second.", ABOVE_ZERO)
+    fps: float | None = given("--fps", "F", "Frame rate of the film [1/s].", ABOVE_ZERO)
     struck: str | None = given("--struck", "BALL", "Ball that the cue strikes; by default the one that moves first.")
-    running: bool = given(
-        "--running", "", "Tracks that begin with a ball in motion begin too late to show the strike.", bool
-    )
+    running: bool = given("--running", "", "A track that begins with a ball in motion does not show the strike.", bool)
     columns: str | None = given(
         "--columns", "t=NAME,...", "Names of columns: t, frame, shot, ball, x, y, theta, cue.speed."
     )
 
     def stated(self, nominal_fps: float | None) -> Stated:
-        """As the conversion takes it, beside the frame rate that a clip set states."""
+        """These options for the conversion, with the frame rate that a clip set states."""
         from sysid.foreign.convert import Stated
 
         return Stated(
@@ -58,7 +56,7 @@ class ReadingOptions:
         )  # fmt: skip
 
     def named_columns(self) -> dict[str, str]:
-        """Columns by what they are."""
+        """The names of columns, by their meaning."""
         parts = [part.partition("=") for part in self.columns.split(",")] if self.columns else []
         if not all(what.strip() and name.strip() for what, _, name in parts):
             raise BadInput(f"--columns {self.columns}: write pairs such as t=Time,ball=Id,x=PosX,y=PosY")
@@ -71,7 +69,7 @@ class ReadingOptions:
 @camera_option()
 @gathered("reading", ReadingOptions)
 @click.option("--out", metavar="CLIPS", type=FILE_PATH, required=True, help="Folder for the clip set.")
-@output_option("picture", "FILE.png", "Where the tracks are drawn over the table; by default CLIPS.png.")
+@output_option("picture", "FILE.png", "Picture of the tracks over the table; by default CLIPS.png.")
 @click.pass_obj
 def import_(
     progress: Progress, files: tuple[Path, ...], sizes: TableOptions, camera_file: Path | None,
@@ -79,10 +77,10 @@ def import_(
 ) -> int:  # fmt: skip
     """Import tracks of other programs as a clip set.
 
-    FILE... are CSV, JSON or Parquet, a shot each or with a column for the shot, and a row for each ball or for each
-    frame; or a clip set whose entries are in another unit, from another origin or along other axes; or simulated
-    systems of pooltool, JSON or MessagePack, which say themselves on what table they are. What no option says is looked
-    for in the tracks, and printed. Draws the tracks over the table first, and writes nothing that they contradict.
+    FILE... are CSV, JSON or Parquet, one shot each or with a column for the shot, and with a row for each ball or each
+    frame; or a clip set whose entries use another unit, origin or axes; or simulated systems of pooltool (JSON or
+    MessagePack), which include their table. Whatever no option states is inferred from the tracks, and printed. Draws
+    the tracks over the table first, and writes nothing that the tracks contradict.
 
     Example: sysid import shots/*.csv --table "pool 8 ft" --out CLIPS
     """
@@ -95,7 +93,7 @@ def import_(
     from sysid.report.plot import tracks_png
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise BadInput(f"{out}: is there already; choose another folder")
+        raise BadInput(f"{out}: already exists; choose another folder")
     systems = _of_pooltool(files)
     paths, shots, header = ([], [], None) if systems else _shots(files)
     camera = None
@@ -126,7 +124,7 @@ def import_(
     source = files[0] if header is not None else Path("FILES")
     clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
     for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):
-        if one.certain and not one.unless:  # else the clip set says so, which is there for that
+        if one.certain and not one.unless:  # with `unless`, the author of the clip set may state that it is right
             raise BadInput(f"{one.text} (nothing was written; look at {picture})")
         print(f"warning: {one.text}", file=sys.stderr, flush=True)
     write_clip_set(clip_set, out)
@@ -135,27 +133,27 @@ def import_(
 
 
 def _of_pooltool(files: tuple[Path, ...]) -> bool:
-    """Whether the files are pooltool's; BadInput where some are and some are not."""
+    """Whether the files are pooltool's; BadInput if only some are."""
     from sysid.pooltool.document import is_pooltool
 
     kinds = {file: is_pooltool(file) for file in files}
     if any(kinds.values()) and not all(kinds.values()):
         other = next(file for file, theirs in kinds.items() if not theirs)
-        raise BadInput(f"{other}: is no file of pooltool's, as others are: import them apart")
+        raise BadInput(f"{other}: is not a pooltool file, but others are: import them separately")
     return all(kinds.values())
 
 
 def _systems(files: tuple[Path, ...], sizes: TableOptions, camera: Camera | None, reading: ReadingOptions) -> Imported:
-    """Systems of pooltool, which say how they are meant; BadInput for an option that says so too."""
+    """Import pooltool's systems; BadInput for an option that states what these files contain."""
     from sysid.pooltool.clips import import_pooltool
 
-    told = {
+    stated = {
         "--unit": reading.unit, "--origin": reading.origin, "--x-along": reading.x_along, "--y": reading.y,
         "--turned": reading.turned, "--time": reading.time, "--struck": reading.struck, "--running": reading.running,
         "--columns": reading.columns, "--camera": camera,
     }  # fmt: skip
-    for option in (name for name, value in told.items() if value):
-        raise BadInput(f"{option}: pooltool's files say that themselves: leave it out")
+    for option in (name for name, value in stated.items() if value):
+        raise BadInput(f"{option}: pooltool's files state this themselves: omit it")
     known = sizes.table_set() if sizes.table_name is not None else None
     return import_pooltool(
         files, table=known.table if known else None, ball=known.ball if known else None, fps=reading.fps
@@ -182,13 +180,13 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
         if file.is_dir():
             raise BadInput(f"{file}: is a folder; name its files, or one clip set alone")
         if file.stem in names:
-            raise BadInput(f"{file}: its clip would have the name of {names[file.stem]}; rename one of them")
+            raise BadInput(f"{file}: its clip would be named as that of {names[file.stem]}; rename one of them")
         names[file.stem] = file
     return list(files), [ShotFile(f"clips/{name}.csv") for name in names], None
 
 
 def _table(sizes: TableOptions, camera: Camera | None, header: Header | None) -> tuple[TableSet, Pixels | None]:
-    """Table and balls, by the options, the camera or the clip set; and how pixels become places."""
+    """Table and balls from the options, the camera or the clip set; and the map from pixels to positions."""
     from models.presets import TableSet
     from models.shot import Ball
     from sysid.foreign.pixels import Pixels

@@ -28,7 +28,7 @@ def init(folder: Path, sizes: TableOptions) -> int:
 
     known = sizes.table_set()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BadInput(f"{folder}: is there already; choose another folder")
+        raise BadInput(f"{folder}: already exists; choose another folder")
     names = [name for name, one in TABLE_SETS.items() if one.table == known.table]
     write_template(folder, known, names[0] if names else None)
     shown = shlex.quote(str(folder))

@@ -1,4 +1,4 @@
-"""`sysid markers`: a sheet of markers to print, by which a camera is calibrated where the noses do not show."""
+"""`sysid markers`: a sheet of markers to print, for calibration where the noses cannot be seen."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ PDF_SUFFIX = ".pdf"
 
 @click.command()
 @click.option("--table", "table_name", metavar="NAME|LxW", required=True, help=TABLE_HELP)
-@out_option("FILE.pdf", "Where the sheet goes.")
+@out_option("FILE.pdf", "File for the sheet.")
 def markers(table_name: str, out: Path) -> int:
     """Write a sheet of markers to print and lay on the cushions.
 
-    Six cards on A4 at true scale, and a page that says where they lie. sysid calibrate reads them where at least four
-    are in view.
+    Writes six cards on A4 at true scale, and a page that shows where to lay them. sysid calibrate reads them if at
+    least four are in view.
 
     Example: sysid markers --table snooker --out markers.pdf
     """

@@ -37,11 +37,11 @@ def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: 
         return Status.DONE
     if clips:
         if clips.exists() and (not clips.is_dir() or any(clips.iterdir())):
-            raise BadInput(f"{clips}: is there already; choose another folder")
+            raise BadInput(f"{clips}: already exists; choose another folder")
         from sysid.validation.clips import write_clips
 
         write_clips(clips)
-        print(f"{clips}: clips of the analytic models, and native.toml to start a fit of MuJoCo's contacts from")
+        print(f"{clips}: clips of the analytic models, and native.toml, from which to fit MuJoCo's contacts")
         return Status.DONE
     from sysid.validation.match import line, rows, to_json
 
@@ -54,7 +54,7 @@ def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: 
     progress.close()
     missed = [row for row in found if not row.ok]
     limited = sum(row.tolerance is not None for row in found)
-    print(f"\n{len(found)} rows, {limited} with a tolerance, {len(missed)} exceed it")
+    print(f"\n{len(found)} rows, {limited} with a tolerance, {len(missed)} beyond it")
     if json_file:
         write_json(json_file, {"rows": [to_json(row) for row in found]})
     return Status.FINDING if missed else Status.DONE

@@ -1,8 +1,8 @@
-"""`sysid measure CLIPS`: friction and restitution by direct methods, to start a fit from, and to check one by.
+"""`sysid measure CLIPS`: friction and restitution by direct methods, to start a fit or to check one.
 
 A fitted constant is compared at the speed of the measurement, where the model has an effect that changes it with
-speed. The two share the tracks and so their noise; being differently made from them, they should still agree to some
-two standard deviations, and where they do not, one of the two leaves something out.
+speed. Both use the same tracks and thus the same noise, but different methods: they should agree to about two standard
+deviations. Where they do not, one of the two leaves something out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sysid.clips import ClipSet
     from sysid.direct.measured import Measured, Measurements
 
-MIN_DISAGREEMENT_SD = 3.0  # difference, in standard deviations, from which it is reported
+MIN_DISAGREEMENT_SD = 3.0  # smaller differences are not reported [standard deviations]
 TEXT_COLOUR, MEAN_COLOUR, SINGLES_COLOUR = "#1f2933", "#d9730d", "#2563a8"
 
 
@@ -61,7 +61,7 @@ def measure(
     scale, sd = stamp_scale(clip_set)
     if abs(scale - 1) > MIN_DISAGREEMENT_SD * sd:
         print(
-            f"the time stamps are {scale:.4f} of the nominal frame interval apart: if they are wrong, so is every "
+            f"the time stamps are {scale:.4f} nominal frame intervals apart: if they are wrong, so is every "
             "deceleration"
         )
     if json_file:
@@ -80,7 +80,7 @@ def measure(
 
 
 def law_at_speed(constant: str) -> tuple[str, Callable[[float, float, float], float] | None]:
-    """The effect's rate that changes a constant with speed, and the constant as a function of value, rate, speed."""
+    """The parameter of the effect that changes a constant with speed, and the law: constant(value, rate, speed)."""
     from models.shot import GRAVITY
 
     return {
@@ -93,7 +93,7 @@ def law_at_speed(constant: str) -> tuple[str, Callable[[float, float, float], fl
 
 
 def against(one: Measured, model: Model) -> tuple[float, float] | None:
-    """A model's value of a constant at the measurement's speed, and by how many sd the measurement exceeds it."""
+    """A model's constant at the measurement's speed, and the measurement's excess over it [standard deviations]."""
     values = model.parameters()
     if one.value is None or one.sd is None or one.kind.name not in values:
         return None
@@ -121,12 +121,12 @@ def starting_model(clip_set: ClipSet, found: Measurements) -> Model:
 
 
 def counted(one: Measured) -> str:
-    """From how many segments or events."""
+    """The number of segments or events, in words."""
     return f"{one.count} {one.kind.of.removesuffix('s') if one.count == 1 else one.kind.of}"
 
 
 def print_measured(found: Measurements, model: Model | None = None) -> None:
-    """Print a table of the constants, and the warnings of each below."""
+    """Print a table of the constants, followed by their warnings."""
     spikes = f", {found.spikes} outlying samples left out" if found.spikes else ""
     print(f"{found.clips} clips, noise {found.noise * 1e3:.3f} mm{spikes}\n")
     head = ["constant", "value", "sd", *(["model", "apart"] if model else []), "unit", "from", "at m/s", "chi2"]
@@ -170,7 +170,7 @@ def to_json(found: Measurements, model: Model | None = None) -> dict[str, Any]:
 
 
 def picture(found: Measurements) -> bytes:
-    """Single values with their errors against speed, and the mean made of them: PNG."""
+    """Write a PNG of the single values with their errors against speed, and of their mean."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,4 +1,4 @@
-"""`sysid plot`: tracks as a picture, with the speeds of a shot and how far models miss it."""
+"""`sysid plot`: a picture of tracks, with the speeds of a shot and the error of models."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sysid.cli.compare import labels_of
 @click.command()
 @gathered("start", Start)
 @click.option("--clip", "wanted", metavar="NAME|N", help="One shot, by file or by number from 1.")
-@out_option("FILE.png", "Where the picture goes.")
+@out_option("FILE.png", "File for the picture.")
 @effects_option()
 @click.pass_obj
 def plot(progress: Progress, start: Start, wanted: str | None, out: Path) -> int:
-    """Draw tracks over the table; of one shot the speeds, too, and by how much models miss it.
+    """Draw tracks over the table; for one shot also its speeds and the error of models.
 
     Without --clip all tracks are drawn, or, with --model, the shot that the last model misses most.
 

@@ -1,4 +1,4 @@
-"""`sysid review`: shots in the Rerun viewer, which listens to this machine alone; of a clip set with its films."""
+"""`sysid review`: shots in the Rerun viewer, with their films; the viewer listens to this machine alone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from models.errors import BadInput
 from sysid.cli.common import Start
 from sysid.cli.viewing import Viewing
 
-RECORDING_FILES = ("review.rrd", "found/review.rrd")  # of folders that sysid discover and sysid doctor wrote
+RECORDING_FILES = ("review.rrd", "found/review.rrd")  # recordings inside the folders of sysid discover and sysid doctor
 
 
 models_option = click.option(
@@ -51,12 +51,12 @@ def review(
         raise BadInput(f"{file}: no such recording; write one with: sysid discover, or with --rrd of another verb")
     for name, value in (("model", model_files), ("video", video)):
         if value:
-            raise BadInput(f"--{name}: {file} is finished; to make another name the clip set: sysid review CLIPS")
+            raise BadInput(f"--{name}: {file} is finished; for a new one give the clip set: sysid review CLIPS")
     return viewing.show(lambda path: _copy(file, path), progress)
 
 
 def _copy(file: Path, path: Path) -> None:
-    """Write the same file elsewhere."""
+    """Copy a recording to another file."""
     from models.files import write_whole
 
     if path.resolve() != file.resolve():
@@ -66,7 +66,7 @@ def _copy(file: Path, path: Path) -> None:
 def _review_clips(
     shots: Path, model_files: tuple[Path, ...], video: Path | None, viewing: Viewing, progress: Progress
 ) -> int:  # fmt: skip
-    """A clip set: its films, what was measured, and each model's shots where models are named."""
+    """Record a clip set: its films, the measured shots, and those of each model named."""
     from sysid.cli.compare import labels_of
     from sysid.clips import read_clip_set
     from sysid.clips.choose import with_shots
@@ -93,6 +93,6 @@ def _review_clips(
 
 
 def film_said(filmed: str) -> None:
-    """Print what of films went into a recording, if anything."""
+    """Print which films went into a recording, if any."""
     if filmed:
         print(f"film: {filmed}")

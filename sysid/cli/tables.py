@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 TABLE_HELP = 'Table by name (snooker, "pool 8 ft" or 8ft, carom, ...) or size, nose to nose [m].'
 diameter_option = click.option(
     "--ball-diameter", "--diameter", "diameter", metavar="D", type=Number(0.015, 0.12, unit="metres"),
-    help="Diameter of the balls [m]; a named table knows it.",
+    help="Diameter of the balls [m]; a named table implies it.",
 )  # fmt: skip
 
 
@@ -33,14 +33,14 @@ class TableOptions:
     mass: float | None = given(mass_option)
 
     def table_set(self) -> TableSet:
-        """Table and balls; BadInput where --table is missing, or a size says nothing of the balls."""
+        """Table and balls; BadInput if --table is missing, or is a size without a ball diameter."""
         if self.table_name is None:
             raise BadInput('--table is missing: give a name, such as "pool 8 ft", or a size, such as 3.569x1.778')
         return table_set(self.table_name, self.diameter, self.mass, self.no_pockets)
 
 
 def table_set(name: str, diameter: float | None, mass: float | None, no_pockets: bool) -> TableSet:
-    """A table by name or size, with its own balls or others: see `usual_mass`."""
+    """A table by name or size, with its own balls or the given ones: see `usual_mass`."""
     from models.presets import TableSet, find_table, usual_mass
     from models.shot import Ball
 
@@ -50,7 +50,7 @@ def table_set(name: str, diameter: float | None, mass: float | None, no_pockets:
         raise BadInput(f"--table {error}") from None
     known = found.ball if isinstance(found, TableSet) else None
     if diameter is None and known is None:
-        raise BadInput(f"--table {name}: a size says nothing of the balls; give --ball-diameter, such as 0.0525")
+        raise BadInput(f"--table {name}: a size does not determine the balls; give --ball-diameter, such as 0.0525")
     table: Table = found.table if isinstance(found, TableSet) else found
     size = diameter if diameter is not None else known.diameter if known else 0.0
     if mass is None:

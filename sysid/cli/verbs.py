@@ -1,4 +1,4 @@
-"""The `sysid` command: every verb reads a clip set, prints a table, and writes the same figures where asked."""
+"""The `sysid` command: every verb reads its input, prints a table, and writes the same figures on request."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sysid.cli import (
 
 PROGRAM = Program(
     "sysid",
-    "Identify a snooker table: from filmed or tracked shots to a fitted MuJoCo model, and to what it leaves out.",
+    "Identify a snooker table: fit a MuJoCo model to filmed or tracked shots, and find what it leaves out.",
     {
         "Clips of a table": (
             markers.markers,

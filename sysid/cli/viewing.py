@@ -1,4 +1,4 @@
-"""What the `review` verbs of all commands share: a recording in a window, as a file, or drawn; and `--live`."""
+"""Shared by the `review` verbs: show a recording in a window, write it, or draw it; and the option `--live`."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from sysid.cli.common import print_recording
 if TYPE_CHECKING:
     from models.recording.viewer import Feed
 
-LIVE_HELP = "Show it in the Rerun viewer while it is done, on this machine alone."
+LIVE_HELP = "Show progress live in the Rerun viewer, on this machine alone."
 
 
 @dataclass(frozen=True)
 class Viewing:
-    """Where a recording is shown: in a window by default."""
+    """Where to show a recording: by default in a window."""
 
-    web: bool = given("--web", "", "Open it in a browser, where no window can be opened.", bool, False)
+    web: bool = given("--web", "", "Open the recording in a browser, if no window can be opened.", bool, False)
     save_file: Path | None = given(output_option("save", "FILE.rrd", "Write the recording instead, for Rerun."))
     picture_file: Path | None = given(
-        output_option("picture", "FILE.png|FILE.mp4", "Draw its beginning, or 12 s of it as a film, without a window.")
+        output_option("picture", "FILE.png|FILE.mp4", "Draw the beginning, or film the first 12 s, without a window.")
     )
 
     def check(self) -> None:
-        """Refuse before the work what could not be shown after it."""
+        """Raise BadInput before the work starts, if its result could not be shown."""
         from models.recording.viewer import NO_DISPLAY, display_missing, is_film, viewer_program
 
         at_most_one(web=self.web, save=self.save_file)
@@ -44,7 +44,7 @@ class Viewing:
             raise BadInput(f"{NO_DISPLAY}; give --web for a browser, --picture FILE.png or --save FILE.rrd")
 
     def show(self, write: Callable[[Path], None], progress: Progress) -> int:
-        """Have the recording written into a file, and show it; the exit status."""
+        """Write the recording into a file and show it; returns the exit status."""
         from models.recording.viewer import draw_recording, open_viewer
 
         with scratch_folder() as folder:
@@ -64,16 +64,16 @@ class Viewing:
 
 @dataclass(frozen=True)
 class Live:
-    """Whether work is shown while it goes on."""
+    """Whether to show work in progress."""
 
     live: bool = given("--live", "", LIVE_HELP, bool, False)
-    web: bool = given("--web", "", "With --live: in a browser, where no window can be opened.", bool, False)
+    web: bool = given("--web", "", "With --live: use a browser, if no window can be opened.", bool, False)
 
     @contextlib.contextmanager
     def feed(self) -> Iterator[Feed | None]:
-        """The viewer to be fed, None where none is asked for; BadInput where it cannot be opened."""
+        """The live viewer, or None if not requested; BadInput if it cannot be opened."""
         if self.web and not self.live:
-            raise BadInput("--web belongs to --live; give both, or neither")
+            raise BadInput("--web requires --live; give both, or neither")
         if not self.live:
             yield None
             return

@@ -15,12 +15,12 @@ from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction
 
-MIN_COMMANDS = 4  # below which nothing is said
-SOUND_TURN, FITTING_TURN = 0.25, 0.1  # of the first direction from the aim [rad]
-AIMED_M = 0.08  # along which the first direction is measured
-SOUND_PACE, CERTAIN_PACE = 0.12, 0.3  # of the first speed over the commanded one, as logarithms
-SLIDE_M_S2 = 2.5  # deceleration of a ball that slides, at most, 0.25 g
-MAX_PACE_SPREAD = 0.5  # of the departure: a common cause, not careless shots
+MIN_COMMANDS = 4  # fewer commands are not judged
+SOUND_TURN, FITTING_TURN = 0.25, 0.1  # first direction off the aim: no fault, and explained by a remedy [rad]
+AIMED_M = 0.08  # the first direction is measured over this distance
+SOUND_PACE, CERTAIN_PACE = 0.12, 0.3  # |log(first speed / commanded speed)|: no fault up to here, and a certain fault
+SLIDE_M_S2 = 2.5  # largest deceleration of a sliding ball, 0.25 g
+MAX_PACE_SPREAD = 0.5  # spread over the departure; a larger one speaks for careless shots, not for a common cause
 READINGS_OF_AZIMUTH = {  # (factor, offset) of the azimuth, and the remedy where tracks fit that
     (-1.0, 0.0): "y is counted downwards, or azimuths clockwise: change the sign of y",
     (-1.0, np.pi): "x is counted from right to left: change the sign of x",
@@ -37,7 +37,7 @@ IMPORT_OPTIONS = {  # of `sysid import`, for readings that turn the tracks
 
 
 def reading_command(clip_set: ClipSet, options: str) -> str:
-    """The command that reads a clip set's files another way."""
+    """The `sysid import` command that reads a clip set's files with these options."""
     command = f"sysid import {shlex.quote(str(clip_set.folder))} {options} --out FIXED"
     return as_called(command)
 
@@ -49,25 +49,23 @@ def aims(clip_set: ClipSet) -> Array | None:
 
 
 def off_aim(pairs: Array, factor: float = 1.0, offset: float = 0.0) -> float:
-    """How far first directions are off azimuths that were read so, median [rad]."""
+    """Median angle between first directions and azimuths, for a reading of the azimuths [rad]."""
     stated, went = pairs.T
     return float(np.median(np.abs((went - factor * stated - offset + np.pi) % (2 * np.pi) - np.pi)))
 
 
 def azimuths(clip_set: ClipSet) -> Contradiction | None:
-    """Commands that point elsewhere than the tracks."""
+    """Contradictions between the commanded azimuths and the tracks."""
     pairs = aims(clip_set)
     if pairs is None or off_aim(pairs) < SOUND_TURN:
         return None
     best = min(READINGS_OF_AZIMUTH, key=lambda reading: off_aim(pairs, *reading))
-    head = f"struck balls set off {off_aim(pairs):.2f} rad beside the commanded azimuth (median of {len(pairs)})"
+    head = f"struck balls set off {off_aim(pairs):.2f} rad from the commanded azimuth (median of {len(pairs)})"
     if off_aim(pairs, *best) < FITTING_TURN:
         options = IMPORT_OPTIONS.get(best)
         command = f" (or: {reading_command(clip_set, options)})" if options else ""
         return Contradiction(ALL_CLIPS, f"{head}; {READINGS_OF_AZIMUTH[best]}{command}", True)
-    return Contradiction(
-        ALL_CLIPS, f"{head}: correct cue.azimuth, counted from +x to +y in rad, or leave cue out", False
-    )
+    return Contradiction(ALL_CLIPS, f"{head}: correct cue.azimuth, counted from +x to +y in rad, or omit cue", False)
 
 
 def _first_direction(clip: Clip) -> float | None:
@@ -77,7 +75,7 @@ def _first_direction(clip: Clip) -> float | None:
 
 
 def _first_way(clip: Clip) -> Array | None:
-    """The struck ball's first way (x, y, t) [m, m, s]; None where it hardly moves."""
+    """The struck ball's first displacement in space and time (x, y, t) [m, m, s]; None if it hardly moves."""
     seen = clip.balls.get(clip.struck)
     far = np.zeros(0) if seen is None else np.flatnonzero(np.hypot(*(seen.xy - seen.xy[:1]).T) > AIMED_M)
     if seen is None or not len(far):
@@ -86,7 +84,7 @@ def _first_way(clip: Clip) -> Array | None:
 
 
 def speeds_of_cue(clip_set: ClipSet) -> Contradiction | None:
-    """Commanded speeds that differ from the tracks' by one factor."""
+    """Contradiction by commanded speeds that all differ from the tracks' by one factor."""
     pace = [
         _pace(float(np.hypot(way[0], way[1]) / way[2]), float(way[2]), c.cue.speed)
         for c in clip_set.clips
@@ -100,7 +98,7 @@ def speeds_of_cue(clip_set: ClipSet) -> Contradiction | None:
         return None
     text = (
         f"struck balls set off at {np.exp(off):.2f} of the commanded speed (median of {len(pace)}): correct t and fps, "
-        "or cue.speed, which is the speed of the ball, or leave cue out"
+        "or cue.speed, which is the speed of the ball, or omit cue"
     )
     return Contradiction(ALL_CLIPS, text, abs(off) > CERTAIN_PACE)
 

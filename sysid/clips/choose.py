@@ -1,4 +1,4 @@
-"""The clips of a set that users mean: all of them, of which there is one at least, or one by its file or number."""
+"""Selection of clips by the user: all clips of a set that is not empty, or one by its file or number."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from sysid.clips.clip_set import Clip, ClipSet
 
 
 def with_shots(clip_set: ClipSet, folder: Path | str) -> ClipSet:
-    """The clip set; BadInput where it holds no clip yet. `folder` is what the user named."""
+    """The clip set itself; BadInput if it holds no clip. `folder` is the name that the user gave."""
     if not clip_set.clips:
-        raise BadInput(f"{folder}: holds no clip: add some with sysid track or sysid import, or write them in by hand")
+        raise BadInput(f"{folder}: holds no clip: add some with sysid track or sysid import, or write them by hand")
     return clip_set
 
 
 def chosen_clip(clip_set: ClipSet, wanted: str | int | None, folder: Path | str) -> Clip:
-    """The clip of this file, with or without folder and suffix, or of this number from 1; the last one if None.
+    """The clip with this file name, with or without folder and suffix, or with this number, counted from 1.
 
     Raises:
         BadInput: there is none, or several are called so; `folder` is what the user named.

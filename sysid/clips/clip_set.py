@@ -35,14 +35,14 @@ class Observation:
     time: Array  # (n,) [s], increasing; as read, 0 at the first sample of the clip
     xy: Array  # (n, 2) [m], table frame
     theta: Array  # (n,) [rad], turned angle of the mark about the vertical, unwrapped; NaN where unseen
-    extra: Mapping[str, Sequence[str]] = field(default_factory=dict)  # n cells of each column that is not known here
+    extra: Mapping[str, Sequence[str]] = field(default_factory=dict)  # n cells of each unknown column
 
     def __repr__(self) -> str:
-        """Its extent in a line, not its arrays."""
+        """A line with its extent, without its arrays."""
         return f"<Observation: {len(self.time)} samples>"
 
     def at(self, rows: NDArray[np.int64]) -> Observation:
-        """Some of its samples."""
+        """The observation reduced to some of its samples."""
         extra = {key: picked(cells, rows) for key, cells in self.extra.items()}
         return Observation(self.time[rows], self.xy[rows], self.theta[rows], extra)
 
@@ -56,19 +56,19 @@ class Clip:
     balls: Mapping[str, Observation]
     cue: CueCommand | None = None
     note: str = ""
-    extra: Mapping[str, Any] = field(default_factory=dict)  # keys of its [[clip]] that are not known here
+    extra: Mapping[str, Any] = field(default_factory=dict)  # unknown keys of its [[clip]]
     session: Session = UNKNOWN_SESSION
     running: tuple[str, ...] = ()  # balls in motion at its beginning, where that is no strike; the first is `struck`
     origin: float = 0.0  # stamp of the camera's clock at the clip's time 0 [s]
 
     def __repr__(self) -> str:
-        """Its balls in a line, not their samples."""
+        """A line with its balls, without their samples."""
         begins = f"{self.struck} struck" if not self.running else f"{', '.join(self.running)} running"
         return f"<Clip {self.file}: {', '.join(self.balls)}; {begins}>"
 
     @property
     def first(self) -> tuple[str, ...]:
-        """The balls that move first: those that run when it begins, or the struck one."""
+        """The balls that move first: those in motion when it begins, or the struck one."""
         return self.running or (self.struck,)
 
     @property
@@ -87,10 +87,10 @@ class ClipSet:
     clips: tuple[Clip, ...]
     sigma: float | None = None  # position noise, one standard deviation per axis [m]; None when unknown
     folder: Path = field(default=Path("."))
-    extra: Mapping[str, Any] = field(default_factory=dict)  # keys of clips.toml that are not known here
+    extra: Mapping[str, Any] = field(default_factory=dict)  # unknown keys of clips.toml
 
     def __repr__(self) -> str:
-        """Table and clips in a line."""
+        """A line with the table and the number of clips."""
         size = f"{self.table.length:g} x {self.table.width:g} m"
         return f"<ClipSet {self.folder}: {len(self.clips)} clips at {self.fps:g} frames/s, table of {size}>"
 

@@ -17,12 +17,12 @@ from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet
 
 FRAME_RATE_TOLERANCE = 2e-4  # relative standard deviation of a frame rate from its nominal value
-MAX_OFF_WHOLE_FRAMES = 0.2  # intervals farther than this from a whole number of frames, relative, are not used
+MAX_OFF_WHOLE_FRAMES = 0.2  # intervals that deviate more from a whole number of frames are not used (relative)
 MIN_INTERVALS = 30
 
 
 def stamp_scale(clip_set: ClipSet) -> tuple[float, float]:
-    """Interval of the stamps over the nominal one, and its standard deviation; inf where there are too few stamps."""
+    """Ratio of the stamps' interval to the nominal one, and its standard deviation; inf if there are too few stamps."""
     frames = sample_intervals(clip_set.clips) * clip_set.fps
     whole = np.round(frames)
     use = (whole >= 1) & (whole <= 20) & (np.abs(frames - whole) < MAX_OFF_WHOLE_FRAMES * whole)
@@ -37,6 +37,6 @@ def stamp_scale(clip_set: ClipSet) -> tuple[float, float]:
 
 
 def sample_intervals(clips: Iterable[Clip]) -> Array:
-    """Between one sampled time and the next of each clip, of all its balls together: (n,) [s]."""
+    """Intervals between the times at which any ball of a clip was sampled, over all clips: (n,) [s]."""
     steps = [np.diff(np.unique(np.concatenate([seen.time for seen in clip.balls.values()]))) for clip in clips]
     return np.concatenate([np.zeros(0), *steps])

@@ -1,4 +1,4 @@
-"""One thing that the tracks of a clip set contradict, and typical values that say so."""
+"""A contradiction between a clip set's tracks and its entries, and the typical values that show it."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from sysid.clips.clip_set import Clip
 
 ALL_CLIPS = "all clips"
 MIN_SIGNIFICANCE = 5.0  # standard errors
-MAX_PLACE_M, MAX_TIME_S, MIN_STEP_S = 100.0, 1e7, 1e-6  # of rows that can be computed with
+MAX_PLACE_M, MAX_TIME_S, MIN_STEP_S = 100.0, 1e7, 1e-6  # limits of rows that computations can handle
 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """One line with its remedy."""
+    """A contradiction as one line with its remedy."""
 
     where: str  # the file whose statement the tracks contradict, or all clips
     text: str
-    certain: bool  # beyond doubt: a fault, else a warning
-    places: bool = False  # whether many balls must lie off the stated table
-    unless: str = ""  # entry of clips.toml by which its author says that it is so all the same
+    certain: bool  # whether it is a fault; otherwise it is a warning
+    places: bool = False  # whether it implies that many balls lie off the stated table
+    unless: str = ""  # entry of clips.toml with which its author confirms the values nevertheless
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Typical:
     count: int
 
     def departs(self, from_value: float, tolerance: float) -> bool:
-        """Whether it differs by more than a tolerance, and by more than chance explains."""
+        """Whether it differs from a value by more than a tolerance and by more than chance explains."""
         off = abs(self.value - from_value)  # NaN of none
         return off > max(tolerance, MIN_SIGNIFICANCE * self.error)
 
 
 def typical(values: list[float], least_count: int, least_spread: float = 0.0) -> Typical:
-    """Of too few values the standard error is infinite."""
+    """Median and standard error of some values; the error of too few values is infinite."""
     if len(values) < least_count:
         return Typical(np.nan, np.inf, len(values))
     median = float(np.median(values))
@@ -48,7 +48,7 @@ def typical(values: list[float], least_count: int, least_spread: float = 0.0) ->
 
 
 def is_sound(clip: Clip) -> bool:
-    """Whether times increase and everything is finite and of a size that can be computed with."""
+    """Whether times increase and all values are finite and within the limits of computations."""
     return bool(clip.balls) and all(
         len(seen.time) > 0
         and bool((np.abs(seen.time) < MAX_TIME_S).all())

@@ -1,6 +1,6 @@
-"""What the tracks of a whole clip set contradict: the ball's diameter, the table, the commands, the times.
+"""Contradictions between the tracks of a clip set and its entries: ball diameter, table, commands, times.
 
-In: a `ClipSet`. Out: `Contradiction`s: beyond doubt, or to be looked at.
+In: a `ClipSet`. Out: `Contradiction`s: certain faults, or warnings.
 
     diameter    a resting ball that is struck moves off when the other's centre is a diameter away: where that one is,
                 extrapolated to the moment at which this one began to move, gives the distance
@@ -30,39 +30,39 @@ from sysid.clips.names import CLIPS_TOML
 from sysid.clips.strike import struck_fault
 from sysid.clips.tempo import frame_rate, rolling, speeds
 
-MIN_IMPACTS = 2  # below which nothing is said
+MIN_IMPACTS = 2  # fewer impacts are not judged
 MIN_CERTAIN_REBOUNDS = 2
-IMPACT_ERROR = 0.02  # of the distance at one impact, over the diameter: scatter of few may be too small by chance
-REBOUND_ERROR = 0.003  # of the place of one rebound, over half the table
-SOUND_DIAMETER, CERTAIN_DIAMETER = 0.04, 0.06  # relative departures: none, and one beyond doubt
-SOUND_TABLE, CERTAIN_TABLE = 0.025, 0.06  # of half the table; a lens at its usual size moves a cushion by 2 %
-SAME_SIZE = 0.015  # relative, of a table and its balls, to those of a name
-SAME_FACTOR = 0.04  # spread of factors by which diameter and cushions are off, for one cause
-REST_M = 0.003  # of a ball that has not moved
-REBOUND_BIAS_M = 0.004  # of the cushions' distance: lines through samples cut the corner of a rebound by some mm
-NOTED_ERRORS = 2.0  # standard errors of it, which REBOUND_ERROR makes generous
-BEGINNING_S = 0.03  # of a track, whose median is where the ball rests
-ALONE_M = 0.15  # from others, for an impact of two balls
-SLIDE_M_S2 = 2.0  # deceleration of a ball that has just been struck, 0.2 g
-BEGIN_ROUNDS = 5  # of the moment at which it began to move
+IMPACT_ERROR = 0.02  # least error of the distance at one impact, over the diameter: a few may agree by chance
+REBOUND_ERROR = 0.003  # least error of the position of one rebound, over half the table
+SOUND_DIAMETER, CERTAIN_DIAMETER = 0.04, 0.06  # relative departures: no fault up to here, and a certain fault
+SOUND_TABLE, CERTAIN_TABLE = 0.025, 0.06  # relative departures of half the table; a lens moves a cushion by 2 %
+SAME_SIZE = 0.015  # relative difference up to which table and balls count as those of a named table
+SAME_FACTOR = 0.04  # largest spread of the factors by which diameter and cushions are off, for one common cause
+REST_M = 0.003  # a ball within this distance of its first place has not moved
+REBOUND_BIAS_M = 0.004  # bias of the cushions' distance: lines through samples cut the corner of a rebound by some mm
+NOTED_ERRORS = 2.0  # standard errors for a warning; REBOUND_ERROR makes them large
+BEGINNING_S = 0.03  # duration of a track's beginning, whose median is the ball's resting place
+ALONE_M = 0.15  # smallest distance of other balls from an impact of two balls
+SLIDE_M_S2 = 2.0  # deceleration of a ball just after it was struck, 0.2 g
+BEGIN_ROUNDS = 5  # iterations for the moment at which a ball began to move
 STRUCK_SAMPLES, STRIKING_SAMPLES = 5, 7  # after and before an impact
 MAX_BEGIN_S = 0.1  # from the moment at which a struck ball begins to move to its next sample
-MIN_STRIKING_M = 0.01  # along which the other ball moves in those samples
-MIN_STRUCK_SPEED = 0.15  # of a ball that was struck [m/s]
-MAX_BENT_M = 0.003  # residual of a parabola before an impact of balls, of lines before and after a rebound
-REBOUND_SAMPLES = 4  # before and after a rebound
-MIN_TURN_RATIO = 2.0  # change of velocity over what the cloth may cause: a ball drawn back turns as well
-POCKET_M = 0.15  # from a pocket, within which jaws may turn a ball
-MIN_TOWARDS, MIN_AWAY = 0.2, 0.1  # speeds at a cushion [m/s]
-NEAR_CUSHION = 0.3  # of half the table, from where the stated table has a cushion
+MIN_STRIKING_M = 0.01  # least distance that the other ball moves in those samples
+MIN_STRUCK_SPEED = 0.15  # least speed of a ball that was struck [m/s]
+MAX_BENT_M = 0.003  # largest residual of the parabola before an impact of balls, and of the lines at a rebound
+REBOUND_SAMPLES = 4  # samples used before and after a rebound
+MIN_TURN_RATIO = 2.0  # change of velocity over what the cloth can cause: a drawn ball turns back as well
+POCKET_M = 0.15  # distance from a pocket within which jaws may deflect a ball
+MIN_TOWARDS, MIN_AWAY = 0.2, 0.1  # least speeds towards and away from a cushion [m/s]
+NEAR_CUSHION = 0.3  # largest distance from the stated cushion, over half the table
 
 
 def contradictions(clip_set: ClipSet) -> list[Contradiction]:
-    """All of a clip set's, each once; its clips must be sound: `is_sound`."""
+    """All contradictions of a clip set, each once; its clips must be sound (`is_sound`)."""
     if struck := struck_fault(clip_set):
         return [Contradiction(*struck, True)]
     too_fast = speeds(clip_set)
-    if too_fast:  # all that is derived from speeds is wrong
+    if too_fast:  # everything derived from speeds is wrong
         return [one for one in (frame_rate(clip_set), too_fast) if one is not None]
     turns = rebounds(clip_set)
     times, off_scale = _first_of(rolling(clip_set), speeds_of_cue(clip_set)), _scale(clip_set, turns)
@@ -74,7 +74,7 @@ def contradictions(clip_set: ClipSet) -> list[Contradiction]:
 
 
 def _first_of(one: Contradiction | None, other: Contradiction | None) -> Contradiction | None:
-    """The more certain one of two that have the same cause."""
+    """Of two contradictions with the same cause, the more certain one."""
 
     def certainty(found: Contradiction) -> tuple[bool, bool]:
         return found.certain, not found.unless
@@ -83,7 +83,7 @@ def _first_of(one: Contradiction | None, other: Contradiction | None) -> Contrad
 
 
 def contact_distance(clip_set: ClipSet) -> Typical:
-    """Distance of the centres at impacts of two balls, one of them at rest [m]."""
+    """Distance between centres at impacts with a resting ball [m]."""
     found = [d for clip in clip_set.clips for d in _distances(clip)]
     return typical(found, MIN_IMPACTS, IMPACT_ERROR * clip_set.ball.diameter)
 
@@ -118,7 +118,7 @@ def _distances(clip: Clip) -> Iterator[float]:
 
 
 def _gap(seen: Observation, place: Array, time: float) -> float:
-    """How far a ball is from a place at about a time [m]."""
+    """Distance of a ball from a place at about a given time [m]."""
     after = int(np.searchsorted(seen.time, time))
     near = range(max(after - 1, 0), min(after + 1, len(seen.time)))
     k = min(near, key=lambda one: abs(seen.time[one] - time))
@@ -143,7 +143,7 @@ def _began(time: Array, off: Array) -> float | None:
 
 
 def _position(seen: Observation, when: float) -> Array | None:
-    """Where a ball that moved smoothly until then was [m]; None where it did not, or was not seen."""
+    """Position of a ball at a time, extrapolated from smooth motion [m]; None if it was unseen or not smooth."""
     end = int(np.searchsorted(seen.time, when))
     part = slice(max(end - STRIKING_SAMPLES, 0), end)
     time, xy = seen.time[part] - when, seen.xy[part]
@@ -157,7 +157,7 @@ def _position(seen: Observation, when: float) -> Array | None:
 
 
 def rebounds(clip_set: ClipSet) -> dict[str, Typical]:
-    """How far from the table's centre balls' centres turn at each cushion [m]."""
+    """Distance from the table's centre at which balls rebound, for each cushion [m]."""
     found: dict[str, list[float]] = {"+x": [], "-x": [], "+y": [], "-y": []}
     table, limits = clip_set.table, clip_set.table.centre_limits(clip_set.ball)
     for clip in clip_set.clips:
@@ -172,7 +172,7 @@ def rebounds(clip_set: ClipSet) -> dict[str, Typical]:
 
 
 def turns_in_the_open(clip_set: ClipSet) -> Array:
-    """How far out balls turn back, away from others and from pockets, over where they would at cushions: (n,)."""
+    """Distances at which balls turn back, away from other balls and pockets, over the cushion's distance: (n,)."""
     table, limits = clip_set.table, clip_set.table.centre_limits(clip_set.ball)
     found = [
         far / float(limits[axis])
@@ -219,7 +219,7 @@ def _lines(clock: Array, values: Array) -> tuple[Array, Array, Array]:
 
 
 def _cushions(clip_set: ClipSet, seen: dict[str, Typical]) -> Iterator[Contradiction]:
-    """Cushions of an axis that are not where the stated table has them, by the rebounds seen at each."""
+    """Cushions of an axis whose rebounds are not where the stated table has them."""
     limits = clip_set.table.centre_limits(clip_set.ball)
     for axis, (letter, key) in enumerate((("x", "length"), ("y", "width"))):
         limit = float(limits[axis])
@@ -238,7 +238,7 @@ def _cushions(clip_set: ClipSet, seen: dict[str, Typical]) -> Iterator[Contradic
 
 
 def size_notes(clip_set: ClipSet) -> list[str]:
-    """Cushions that stand noticeably closer or farther apart than stated: the table or the camera is a little off."""
+    """Cushions noticeably closer or farther apart than stated: the table's size or the camera is slightly wrong."""
     seen, found = rebounds(clip_set), []
     for axis, (letter, key) in enumerate((("x", "length"), ("y", "width"))):
         plus, minus, stated = seen["+" + letter], seen["-" + letter], _stated(clip_set.table, axis)
@@ -246,15 +246,15 @@ def size_notes(clip_set: ClipSet) -> list[str]:
         error = float(np.hypot(plus.error, minus.error))
         if min(plus.count, minus.count) and abs(size - stated) > max(REBOUND_BIAS_M, NOTED_ERRORS * error):
             found.append(
-                f"{CLIPS_TOML}: {key} = {stated:g} m, but rebounds put the cushions {size:.3f} m apart, give or take "
-                f"{error * 1e3:.0f} mm: measure it again from nose to nose, or calibrate the camera; "
+                f"{CLIPS_TOML}: {key} = {stated:g} m, but rebounds put the cushions {size:.3f} m apart, within "
+                f"{error * 1e3:.0f} mm: measure it again from nose to nose, or recalibrate the camera; "
                 "sysid discover says which of them is off"
             )
     return found
 
 
 def _scale(clip_set: ClipSet, seen: dict[str, Typical]) -> Contradiction | None:
-    """Diameter and cushions, by the rebounds seen at each, that are all off by one factor: that of the tracks."""
+    """Diameter and cushions that are all off by one factor: the scale of the tracks."""
     limits = clip_set.table.centre_limits(clip_set.ball)
     contact, stated = contact_distance(clip_set), clip_set.ball.diameter
     factors = {f"balls meet {contact.value:.4f} m apart": contact.value / stated} if contact.count else {}
@@ -276,7 +276,7 @@ def _scale(clip_set: ClipSet, seen: dict[str, Typical]) -> Contradiction | None:
 
 
 def pocket_note(clip_set: ClipSet) -> str | None:
-    """A table of the size of another game's whose pockets are those of snooker, as they are where none are given."""
+    """A table with the size of another game but snooker pockets, the default when none are given."""
     table = clip_set.table
     if table.pockets is not True:
         return None
@@ -293,7 +293,7 @@ def _stated(table: Table, axis: int) -> float:
 
 
 def _table_remedy(ball: Ball, plus: Typical, minus: Typical, letter: str, key: str, limit: float) -> str:
-    """What would make both cushions of an axis fit."""
+    """The correction that makes both cushions of an axis fit, in words."""
     if min(plus.count, minus.count) == 0:
         return f"correct {key}, measured from nose to nose, or calibrate the camera"
     shift, half_size = (plus.value - minus.value) / 2, (plus.value + minus.value) / 2

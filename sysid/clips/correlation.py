@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 
 def integrated_time(correlation: NDArray[np.float64], least: float) -> float:
-    """1 + 2 sum of the autocorrelation [samples], and 1 where that is negative.
+    """Integrated autocorrelation time, 1 + 2 sum of the autocorrelation [samples]; at least 1.
 
     Args:
         correlation: (n,) of lags 0, 1, ..., 1 at lag 0.
-        least: the sum ends before the first lag that correlates less: the later ones are chance.
+        least: correlation at which the sum stops; that of later lags is chance.
     """
     below = np.flatnonzero(correlation < least)
     stop = int(below[0]) if below.size else len(correlation)

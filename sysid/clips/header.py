@@ -100,7 +100,7 @@ def read_header(root: Path, faults: Faults) -> Header | None:
     found = usable(HeaderEntries, named_table(body, top), top, extra)
     kinds = {"table": Table, "ball": Ball, "camera": CameraEntries}
     table, ball, camera = (_inner(kind, found, name, top, extra) for name, kind in kinds.items())
-    # A table with a fault elsewhere, or a ball without a mass, still judges the clips.
+    # A table with a fault elsewhere, or a ball without a mass, is still good enough to judge the clips.
     of_table = Table(**table) if {"length", "width"} <= table.keys() else None
     of_ball = Ball(**{"mass": math.nan} | ball) if "diameter" in ball else None
     for section, key, problem in size_faults(of_table, of_ball):
@@ -109,7 +109,7 @@ def read_header(root: Path, faults: Faults) -> Header | None:
 
 
 def _inner(kind: type[Any], found: Mapping[str, Any], name: str, at: Place, extra: dict[str, Any]) -> dict[str, Any]:
-    """The usable keys of a table in another; its unknown ones go to `extra`."""
+    """The usable keys of a nested table; unknown ones go to `extra`."""
     left: dict[str, Any] = {}
     values = usable(kind, found[name], at.below(name), left) if name in found else {}
     extra |= {name: left} if left else {}
@@ -117,7 +117,7 @@ def _inner(kind: type[Any], found: Mapping[str, Any], name: str, at: Place, extr
 
 
 def size_faults(table: Table | None, ball: Ball | None) -> Iterator[tuple[str, str, str]]:
-    """What sizes and mass have wrong together: table of the file, key and problem."""
+    """Faults in the combination of sizes and mass: table of the file, key and problem."""
     if table and table.width > table.length:
         yield (
             "table", "width",
@@ -146,9 +146,9 @@ def _entries(clips: tuple[Mapping[str, Any], ...], root: Path, ball: Ball | None
             continue
         seen[entry.path] = index
         entries.append(entry)
-    told = [(entry, clips[entry.place.index or 0].get("session", {})) for entry in entries]
+    sessions = [(entry, clips[entry.place.index or 0].get("session", {})) for entry in entries]
     for key in dict.fromkeys(key for entry in entries for key in entry.session):
-        for entry, session in told:
+        for entry, session in sessions:
             if isinstance(session, Mapping) and key not in session:
                 entry.place.fault(f"session.{key} is missing: give it for every clip, or for none", "session")
     return tuple(entries)

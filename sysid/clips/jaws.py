@@ -1,4 +1,4 @@
-"""Clips up to the first touch of a pocket's jaws: the models that are fitted have pockets without jaws.
+"""Clips cut at the first touch of a pocket's jaws: the fitted models have pockets without jaws.
 
 In: a `ClipSet`. Out: the same, every clip cut where needed.
 
@@ -19,7 +19,7 @@ from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 
-JAW_MARGIN_M = 3e-3  # for noise, and for the uncertainty of the jaws' place
+JAW_MARGIN_M = 3e-3  # allowance for noise and for the uncertainty of the jaws' position
 MIN_CLIP_SAMPLES = 12  # of the struck ball: shorter clips are left out
 
 
@@ -38,7 +38,7 @@ def before_jaws(clip_set: ClipSet) -> ClipSet:
 
 
 def jaws_line(whole: ClipSet, cut: ClipSet) -> str | None:
-    """What `before_jaws` has cut and left out, in words; None where nothing."""
+    """A line on the clips that `before_jaws` cut and left out; None if there are none."""
     left = {clip.file: clip for clip in cut.clips}
     shorter = [clip.file for clip in whole.clips if left.get(clip.file, clip) is not clip]
     gone = [clip.file for clip in whole.clips if clip.file not in left]

@@ -1,4 +1,4 @@
-"""Turned angles of marks that cannot be: in degrees, or counted anew at every turn.
+"""Impossible turned angles of marks: in degrees, or wrapped at every turn.
 
 In: a `ClipSet`. Out: a `Contradiction`. A cue at the miscue limit, half a radius off the centre, gives sidespin of
 5/4 v / R: 350 rad/s for a hard break.
@@ -13,14 +13,14 @@ from sysid.clips.clip_set import ClipSet
 from sysid.clips.contradiction import ALL_CLIPS, Contradiction
 
 MAX_SPIN_RAD_S = 350.0
-MIN_STEPS = 10  # of one mark, of which the median is its rate
-LEAST_TURN_RAD_S = 1.0  # of a mark that turns
-TURN_TOLERANCE_RAD = 0.6  # of a jump from a whole turn, beside the steps about it
+MIN_STEPS = 10  # fewest steps of one mark for a median rate
+LEAST_TURN_RAD_S = 1.0  # least rate of a turning mark
+TURN_TOLERANCE_RAD = 0.6  # largest deviation of a jump from a whole turn, relative to the steps around it
 MIN_JUMPS = 3
 
 
 def marks(clip_set: ClipSet) -> Contradiction | None:
-    """Marks that turn faster than any ball, or jump by whole turns."""
+    """Contradictions by marks that turn faster than any ball, or jump by whole turns."""
     rates, jumps, first = [], 0, ""
     for clip in clip_set.clips:
         for seen in clip.balls.values():
@@ -41,11 +41,11 @@ def marks(clip_set: ClipSet) -> Contradiction | None:
         return Contradiction(ALL_CLIPS, text, True)
     if jumps < MIN_JUMPS:
         return None
-    text = f"theta jumps by a whole turn in {jumps} places ({first} first): unwrap it, so that it goes on beyond a turn"
+    text = f"theta jumps by a whole turn in {jumps} places ({first} first): unwrap it, to continue beyond a turn"
     return Contradiction(ALL_CLIPS, text, True)
 
 
 def _jumps(step: Array) -> int:
-    """How many steps are a whole turn off those about them."""
+    """Number of steps that differ by a whole turn from those around them."""
     off = np.abs(np.abs(step - np.median(step)) - 2 * np.pi)
     return int(np.sum(off < TURN_TOLERANCE_RAD))

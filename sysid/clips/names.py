@@ -15,7 +15,7 @@ CLIPS_TOML = "clips.toml"
 
 
 def name_fault(name: str) -> str | None:
-    """Why a ball may not have this name."""
+    """The reason why a name is not valid for a ball, with its remedy; "" if it is valid."""
     if not name:
         return "is empty: name the ball"
     if name != name.strip():
@@ -28,7 +28,7 @@ def name_fault(name: str) -> str | None:
 
 
 def path_fault(file: str) -> str | None:
-    """Why this may not name a clip of a set, whatever is on the disk."""
+    """The reason why a text is not valid as a clip's file name, regardless of the disk; "" if it is valid."""
     if not file or not file.isprintable() or file != file.strip():
         return "is not a file name: name the clip's CSV, such as 'clips/0001.csv'"
     if "\\" in file:

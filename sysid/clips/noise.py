@@ -22,14 +22,14 @@ from sysid.clips.clip_set import ClipSet, Observation
 
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # of white noise: root of 1 + 9 + 9 + 1
 
-WINDOW_SAMPLES, WINDOW_DEGREE = 15, 3  # evenly timed, and the polynomial that motion follows over them
-MIN_VALUES = 30  # third differences that give an estimate
+WINDOW_SAMPLES, WINDOW_DEGREE = 15, 3  # evenly timed samples of a window, and degree of its polynomial
+MIN_VALUES = 30  # fewest third differences for an estimate
 MAX_LAG = 2  # samples, of the autocovariance: more are hardly distinguished from the motion
-MAX_WINDOW_RATIO = 2.5  # of a window's variance to the median: beyond it holds an impact, or the end of a slide
+MAX_WINDOW_RATIO = 2.5  # of a window's variance to the median: beyond it holds an impact or the end of a slide
 MIN_WINDOWS = 20
 MIN_SIGNIFICANCE = 2.0  # standard errors, for the noise to count as correlated
-UNEVEN_SHARE = 0.05  # of an interval: samples of a window are evener
-MIN_MOVED_M = 1e-4  # from sample to sample, of a ball in motion
+UNEVEN_SHARE = 0.05  # largest deviation of a window's intervals from even ones, relative
+MIN_MOVED_M = 1e-4  # least distance from sample to sample of a moving ball
 
 
 def position_noise(clip_set: ClipSet) -> float:
@@ -95,7 +95,7 @@ def _autocovariance(clip_set: ClipSet) -> NDArray[np.float64] | None:
 
 
 def _windows(seen: Observation) -> list[NDArray[np.float64]]:
-    """Positions of a moving ball in windows of even samples, each axis by itself: (2, WINDOW_SAMPLES) each."""
+    """Positions of a moving ball in windows of even samples, a row for each axis: (2, WINDOW_SAMPLES) each."""
     step = np.diff(seen.time)
     if len(step) < WINDOW_SAMPLES:
         return []

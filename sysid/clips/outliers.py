@@ -1,4 +1,4 @@
-"""Outliers: samples that the tracker placed elsewhere, removed before anything is fitted.
+"""Outliers: samples that the tracker misplaced, removed before any fit.
 
 In: a ball's `Observation`, two of them, or a `ClipSet`. Out: which samples are outliers; the clip set without them.
 
@@ -24,11 +24,11 @@ from models.shot import Array
 from sysid.clips.clip_set import ClipSet, Observation
 from sysid.clips.plausibility import MAX_BEYOND_NOSE_M, POCKET_REACH
 
-MAX_EXTRAPOLATION_SD = 8.0  # distance from a prediction, over its standard deviation
-MIN_OUTLIER_M = 0.004  # distance that an outlier has at least
+MAX_EXTRAPOLATION_SD = 8.0  # largest distance from a prediction, in its standard deviations
+MIN_OUTLIER_M = 0.004  # least distance of an outlier
 EXTRAPOLATION_GAIN = np.sqrt(6.0)  # of white noise, by a linear prediction: root of 1 + 4 + 1
-MAX_NEIGHBOUR_INTERVALS = 4.0  # of the median interval: over longer gaps the prediction does not hold
-MAX_SWAPPED_SAMPLES = 6  # in a row: longer ones are another fault
+MAX_NEIGHBOUR_INTERVALS = 4.0  # longest gap over which a prediction holds, in median intervals
+MAX_SWAPPED_SAMPLES = 6  # longest run of exchanged samples; longer ones are another fault
 MAX_CROSSED_SHARE = 0.5  # squared steps of exchanged balls over those as tracked
 
 
@@ -55,7 +55,7 @@ def find_outliers(seen: Observation, sigma: float) -> np.ndarray[tuple[int], np.
 
 
 def _alone_off_line(time: Array, xy: Array, limit: float) -> bool:
-    """Whether the second of samples (4,), (4, 2) is off a line on which the others lie, by more than a limit [m]."""
+    """Whether the second of four samples is off the line of the others by more than a limit [m]: (4,), (4, 2)."""
     slope = (xy[3] - xy[2]) / (time[3] - time[2])
     away = np.hypot(*(xy[:2] - xy[2] - slope * (time[:2] - time[2])[:, None]).T)
     between = xy[0] + (xy[2] - xy[0]) * (time[1] - time[0]) / (time[2] - time[0])

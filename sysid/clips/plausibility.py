@@ -21,24 +21,24 @@ from models.shot import Array, Ball, Table
 from sysid.clips.header import Entry, Header
 from sysid.clips.rows import Rows
 
-PLACES, TIMES = "places", "times"  # what may be wrong in all clips alike
-MIN_STRUCK_SAMPLES = 3  # samples of the struck ball
-MIN_GAP_S = 1e-6  # between two frames
+PLACES, TIMES = "places", "times"  # kinds of entries that may be wrong in all clips alike
+MIN_STRUCK_SAMPLES = 3  # fewest samples of the struck ball
+MIN_GAP_S = 1e-6  # shortest interval between two frames
 MAX_CLIP_S = 600.0  # no shot lasts so long, but one with times in milliseconds would
-MAX_BEYOND_NOSE_M = 0.005  # of a centre: cushions yield, trackers err
-MAX_WILD_M = 0.1  # beyond a nose, of a single sample that the tracker placed elsewhere
-MAX_WILD_SHARE = 0.02  # of a ball's samples
+MAX_BEYOND_NOSE_M = 0.005  # largest distance of a centre beyond the nose: cushions yield, trackers err
+MAX_WILD_M = 0.1  # largest distance beyond a nose of a single misplaced sample
+MAX_WILD_SHARE = 0.02  # largest share of misplaced samples of a ball
 POCKET_REACH = 2.0  # distance from the corner of the noses to a ball that drops, in ball diameters
-MAX_OVERLAP_M = 0.003  # of touching balls at the start
+MAX_OVERLAP_M = 0.003  # largest apparent overlap of touching balls at the start
 RECORD_AGAIN = "record the shot again or remove the clip"
-DEFAULT_FPS = 50.0  # where the frame rate of the set is missing or wrong
+DEFAULT_FPS = 50.0  # used if the frame rate of the set is missing or wrong
 START_FRAMES = 3.5  # a ball first seen in so many frames was there at the start
 
 
 def check_rows(rows: Rows, file: str, header: Header, faults: Faults, doubted: Collection[str] = ()) -> None:
     """Collect the faults of times and places of one clip.
 
-    Places are not checked where table or ball is missing. `doubted` may hold PLACES and TIMES, which are known to be
+    Places are not checked if table or ball is missing. `doubted` may hold PLACES and TIMES, which are then known to be
     wrong in all clips.
     """
     table, ball, camera = header.table, header.ball, header.camera
@@ -54,18 +54,18 @@ def _check_times(rows: Rows, file: str, longest: float, faults: Faults) -> None:
     time, line = rows.time, rows.line
     back = time[1:] < time[:-1]
     for i in np.flatnonzero(back).tolist():
-        problem = f"t = {time[i + 1]:.9g} lies before t = {time[i]:.9g} of row {line[i]}: sort the rows by t"
+        problem = f"t = {time[i + 1]:.9g} is before t = {time[i]:.9g} of row {line[i]}: sort the rows by t"
         faults.add(file, problem, line[i + 1])
     for k, name in enumerate(rows.names):
         of_ball = np.flatnonzero(rows.ball == k)
         gaps = time[of_ball[1:]] - time[of_ball[:-1]]
         for i in np.flatnonzero((gaps >= 0) & (gaps < MIN_GAP_S)).tolist():
             one, other = int(of_ball[i]), int(of_ball[i + 1])
-            problem = f"t = {time[one]:.9g} of ball {shown(name)} is that of row {line[one]} as well"
+            problem = f"t = {time[one]:.9g} of ball {shown(name)} is also in row {line[one]}"
             faults.add(file, f"{problem}: keep one row of a ball at one time", line[other])
     if not back.any() and len(time) and float(time[-1]) - float(time[0]) > longest:
         problem = (
-            f"t = {time[-1]:.9g} lies more than {longest:g} s after the first row: write seconds, not milliseconds, "
+            f"t = {time[-1]:.9g} is more than {longest:g} s after the first row: write seconds, not milliseconds, "
             "or cut the recording into clips of one strike each"
         )
         faults.add(file, problem, line[-1])
@@ -74,7 +74,7 @@ def _check_times(rows: Rows, file: str, longest: float, faults: Faults) -> None:
 def check_struck(rows: Rows, entry: Entry, faults: Faults) -> None:
     """Note a struck ball that the clip does not hold, or holds too few samples of; a running clip need not name one."""
     if not entry.struck and (rows.names or not entry.running):
-        return  # clips.toml has that fault already
+        return  # the fault is already reported for clips.toml
     if entry.struck not in rows.names:
         if rows.names:
             meant = closest(entry.struck, rows.names)
@@ -116,7 +116,7 @@ def _check_places(rows: Rows, file: str, table: Table, ball: Ball, noise: float,
 
 
 def _wild(rows: Rows, outside: NDArray[np.int64], limit: Array) -> set[int]:
-    """Which of the rows outside the table are single samples that a tracker placed elsewhere."""
+    """Which of the rows outside the table are single samples that the tracker misplaced."""
     found: set[int] = set()
     beyond = np.zeros(len(rows.ball), bool)
     beyond[outside] = True

@@ -42,13 +42,13 @@ SHOWN_PER_FILE = 10  # faults that `check_clip_set` lists of one file
 
 @dataclass(frozen=True)
 class Inspection:
-    """What reading a clip set finds."""
+    """The outcome of reading a clip set: the set, its faults and warnings."""
 
     folder: Path
     clip_set: ClipSet | None  # None if there are faults
     faults: Faults
-    warnings: tuple[str, ...] = ()  # doubts of the camera and by contradictions, one line each; none beside faults
-    resting: int = 0  # clips that began before the strike, which is left out
+    warnings: tuple[str, ...] = ()  # doubts of the camera and contradictions, one line each; empty if there are faults
+    resting: int = 0  # clips that began before the strike; their earlier samples are left out
 
     def fault_lines(self) -> list[str]:
         """Every fault, one line each; of a file with very many the first ones and their number."""
@@ -65,7 +65,7 @@ class Inspection:
 
 
 def inspect_clip_set(folder: Path | str, named: Path | None = None, *, written: bool = False) -> Inspection:
-    """Read a clip set, and name its faults or what its tracks contradict; messages name the folder as it is passed."""
+    """Read a clip set with its faults or contradictions; messages name the folder as it was passed."""
     faults = Faults()
     try:
         clip_set, found, resting = _read(Path(folder), faults, named or Path(folder), written)
@@ -90,14 +90,14 @@ def check_clip_set(folder: Path | str, named: Path | None = None) -> list[str]:
 
 
 def faults_of_written(folder: Path, named: Path) -> list[str]:
-    """The same of a clip set that is being written, without what its author may state to be right all the same."""
+    """Faults of a clip set that is being written, without those that its author may confirm to be right."""
     return inspect_clip_set(folder, named, written=True).fault_lines()
 
 
 def _read(
     folder: Path, faults: Faults, named: Path, written: bool
 ) -> tuple[ClipSet | None, Sequence[Contradiction], int]:
-    """The clip set, None if there are faults that leave none, what contradicts it, how many clips began too early."""
+    """The clip set (None if faults leave none), its contradictions, and how many clips began too early."""
     try:
         root = Path(os.path.realpath(folder, strict=True))
     except (OSError, ValueError):
@@ -145,7 +145,7 @@ def _read(
 
 
 def _doubted(clip_set: ClipSet, faults: Faults, written: bool) -> tuple[tuple[str, ...], Sequence[Contradiction]]:
-    """What of single rows is wrong only because it is so in all clips, as a fault says; and all contradictions."""
+    """The kinds of rows that a fault of the whole set makes wrong, and all contradictions."""
     wrong = {PLACES: coordinates_fault(clip_set), TIMES: times_fault(clip_set)}
     doubted = []
     for what, fault in wrong.items():
@@ -162,7 +162,7 @@ def _doubted(clip_set: ClipSet, faults: Faults, written: bool) -> tuple[tuple[st
 
 
 def _clip(entry: Entry, rows: Rows, session: Session) -> Clip:
-    """A clip, its time from the strike, or its first sample on: a camera's clock may begin anywhere."""
+    """A clip whose time 0 is the strike or the first sample, wherever the camera's clock began."""
     balls = {}
     origin = float(rows.time[0]) if len(rows.time) else 0.0
     time = np.round(rows.time - origin, STAMP_DECIMALS)

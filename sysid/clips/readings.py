@@ -1,4 +1,4 @@
-"""Ways to read coordinates: unit, origin and axes, and which of them the tracks of a clip set speak for.
+"""Coordinate conventions: unit, origin and axes, and the evidence for each from the tracks of a clip set.
 
 In: a `ClipSet` as it was written. Out: `Reading`s, each with the evidence for it.
 
@@ -25,17 +25,17 @@ from sysid.clips.plausibility import MAX_BEYOND_NOSE_M, POCKET_REACH
 
 METRES_BY_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 UNIT_NAMES = {"m": "metres", "in": "inches", "ft": "feet"}
-MIN_SHARE_INSIDE = 0.99  # of all rows, for a reading to be right
-MIN_COVERAGE = 0.25  # of the table's length by the rows: fewer are in too large a unit
-MIN_BALL_PIXELS = 3.0  # across a ball that is followed in a picture
-AT_CUSHION = 0.05  # of half the table, from where a ball at a cushion turns
-MIN_TURNS = 2  # at cushions, that speak for a reading
-MAX_ROWS = 4000  # per clip set that extents are taken from
+MIN_SHARE_INSIDE = 0.99  # least share of all rows on the table, for a reading to be right
+MIN_COVERAGE = 0.25  # least share of the table's length that rows must cover; with less the unit is too large
+MIN_BALL_PIXELS = 3.0  # smallest diameter of a ball that can be tracked in a picture
+AT_CUSHION = 0.05  # largest distance of a turn from the cushion, over half the table
+MIN_TURNS = 2  # fewest turns at cushions that support a reading
+MAX_ROWS = 4000  # most rows of a clip set that extents are computed from
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A way to read coordinates; as they are meant to be read by default."""
+    """A coordinate convention; by default that of a clip set."""
 
     unit: str = "m"
     corner: bool = False  # the origin is where the nose lines meet, x and y grow from there
@@ -45,11 +45,11 @@ class Reading:
 
     @property
     def changes(self) -> int:
-        """By how many things it differs from what is meant."""
+        """The number of respects in which it differs from a clip set's convention."""
         return (self.unit != "m") + self.corner + self.exchanged + self.y_down + self.turned
 
     def metres(self, xy: Array, table: Table) -> Array:
-        """Coordinates as they were meant: (n, 2) [m], table frame."""
+        """Coordinates converted by this convention: (n, 2) [m], table frame."""
         size = np.array([table.length, table.width])
         own = xy * METRES_BY_UNIT[self.unit] - (size[::-1] if self.exchanged else size) / 2 * self.corner
         x, y = own[:, 0], -own[:, 1] if self.y_down else own[:, 1]
@@ -57,19 +57,19 @@ class Reading:
         return -meant if self.turned else meant
 
     def options(self) -> str:
-        """As `sysid import` takes it."""
+        """The convention as options of `sysid import`."""
         words = [f"--unit {self.unit}", f"--origin {'corner' if self.corner else 'centre'}"]
         words += ["--x-along width"] * self.exchanged + ["--y down"] * self.y_down + ["--turned"] * self.turned
         return " ".join(words)
 
     def looks(self) -> str:
-        """What the coordinates look like."""
+        """A description of the coordinates in words."""
         words = [UNIT_NAMES.get(self.unit, self.unit)] + ["from a corner"] * self.corner
         axes = "with x and y exchanged" if self.exchanged else "with y downwards" if self.y_down else ""
         return " ".join([*words, axes]).strip()
 
     def remedy(self) -> str:
-        """What to do to the columns."""
+        """The operations on the columns that convert them, in words."""
         factor, steps = METRES_BY_UNIT[self.unit], list[str]()
         if self.unit != "m":
             by = f"divide them by {1 / factor:.6g}" if factor in (0.01, 0.001) else f"multiply them by {factor:.6g}"
@@ -88,7 +88,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class ReadingEvidence:
-    """What speaks for a reading: turns of balls at and off cushions, diameter, spread over the table."""
+    """The evidence for a reading: turns of balls at and off cushions, diameter, spread over the table."""
 
     reading: Reading
     at_cushions: int
@@ -103,27 +103,27 @@ class ReadingEvidence:
 
     @property
     def holds(self) -> bool:
-        """Whether something speaks for it, and nothing contradicts it."""
+        """Whether something supports it and nothing contradicts it."""
         return self.possible and (self.at_cushions >= MIN_TURNS or self.coverage > MIN_COVERAGE)
 
     @property
     def shows_scale(self) -> bool:
-        """Whether the cushions or the balls' own size speak for the unit, not extents alone."""
+        """Whether cushions or the balls' size support the unit, not extents alone."""
         return self.diameter > 0 or self.at_cushions - self.off_cushions >= MIN_TURNS
 
     @property
     def rank(self) -> tuple[float, ...]:
-        """By which readings are ordered: evidence, then spread, then how usual it is."""
+        """Sort key of readings: evidence, then spread, then how usual the reading is."""
         return (self.support, round(self.coverage, 1), -self.reading.changes)
 
     @property
     def support(self) -> int:
-        """How much speaks for it beyond extents."""
+        """The amount of evidence beyond extents."""
         return min(self.at_cushions - self.off_cushions, MIN_TURNS) + self.diameter
 
 
 def read_so(clip_set: ClipSet, reading: Reading) -> ClipSet:
-    """The clip set with its coordinates read another way."""
+    """The clip set with its coordinates converted by another reading."""
 
     def meant(seen: Observation) -> Observation:
         return dataclasses.replace(seen, xy=reading.metres(seen.xy, clip_set.table))
@@ -151,7 +151,7 @@ def share_inside(xy: Array, table: Table, ball: Ball) -> float:
 def may_be_pixels(clip_set: ClipSet) -> bool:
     """Whether coordinates may be those in a picture: none is negative, and a ball is some pixels wide.
 
-    A picture has any scale, so that extents alone tell pixels from no unit that makes the table as large.
+    A picture has any scale, so extents alone cannot distinguish pixels from a unit that makes the table as large.
     """
     xy = np.concatenate([np.zeros((0, 2)), *places(clip_set.clips)])
     if not len(xy) or float(xy.min()) < 0:
@@ -187,12 +187,12 @@ def likely_readings(clip_set: ClipSet, among: Sequence[Reading]) -> list[Reading
 
 
 def possible_readings(clip_set: ClipSet, among: Sequence[Reading]) -> list[ReadingEvidence]:
-    """Readings that nothing contradicts, though nothing need speak for them."""
+    """Readings that nothing contradicts; they need not be supported by anything."""
     return [seen for reading in among if (seen := weighed(clip_set, reading)) is not None and seen.possible]
 
 
 def all_readings() -> list[Reading]:
-    """By unit, origin and axis; directions aside."""
+    """The reading without the directions of its axes: unit, origin and axis."""
     return [Reading(*one) for one in product(METRES_BY_UNIT, (False, True), (False, True))]
 
 

@@ -30,14 +30,14 @@ NUMBER_REMEDIES = {
     "x": "write metres, such as -0.34",
     "y": "write metres, such as -0.34",
 }
-MAX_ANGLE_RAD = 1e6  # that a ball has turned
-MAX_STAMP, MAX_PLACE = 1e16, 1e9  # in any unit: what is larger is no stamp of a camera, and no place on a table
+MAX_ANGLE_RAD = 1e6  # largest turned angle of a ball
+MAX_STAMP, MAX_PLACE = 1e16, 1e9  # larger numbers are, in any unit, neither stamps of a camera nor places on a table
 ANGLE_REMEDY = "write radians, or leave it empty where the mark was not seen"
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of one clip; a cell that is no number is NaN here, and a fault."""
+    """The rows of one clip; a cell that is not a number is NaN here and reported as a fault."""
 
     line: Sequence[int]  # line number in the file, from 1
     names: tuple[str, ...]  # of the balls, as they appear
@@ -73,7 +73,7 @@ def read_rows(path: Path, file: str, faults: Faults) -> Rows | None:
                 lines.append(line)
                 for packer, cell in zip(packers, row, strict=True):
                     packer.add(cell)
-    except BadInput:  # faults have it
+    except BadInput:  # already in the faults
         return None
     if not packers:
         faults.add(file, f"is empty: {SET_REMEDY}")
@@ -119,7 +119,7 @@ def _header_is_good(header: list[str], line: int, file: str, faults: Faults) -> 
 
 
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
-    """All cells as finite numbers, or None. Python's own `1_000` and its foreign digits are not numbers of a CSV."""
+    """All cells as finite numbers, or None. Python's `1_000` and non-ASCII digits are not accepted in a CSV."""
     joined = "".join(cells)
     if "_" in joined or not joined.isascii():
         return None
@@ -131,7 +131,7 @@ def _plain_numbers(cells: Sequence[str]) -> Array | None:
 
 
 def _numbers(cells: Sequence[str], key: str, lines: Sequence[int], file: str, faults: Faults) -> Array:
-    """A column of numbers (n,); a cell that is none becomes NaN and a fault."""
+    """A column of numbers (n,); a cell that is not a number becomes NaN and a fault."""
     most = MAX_STAMP if key == "t" else MAX_PLACE
     if (values := _plain_numbers(cells)) is not None and (np.abs(values) <= most).all():
         return values
@@ -149,13 +149,13 @@ def _angles(cells: Sequence[str], lines: Sequence[int], file: str, faults: Fault
             if cells[i].strip():
                 angles[i] = _number(cells[i], "theta", lines[i], file, faults)
     for i in np.flatnonzero(np.abs(angles) > MAX_ANGLE_RAD).tolist():
-        faults.add(file, f"theta = {shown(cells[i])} is no angle of a ball: {ANGLE_REMEDY}", lines[i])
+        faults.add(file, f"theta = {shown(cells[i])} is not a valid angle of a ball: {ANGLE_REMEDY}", lines[i])
         angles[i] = np.nan
     return angles
 
 
 def _number(cell: str, key: str, line: int, file: str, faults: Faults) -> float:
-    """One cell as a number; NaN and a fault where it is none."""
+    """One cell as a number; NaN and a fault if it is not one."""
     remedy = NUMBER_REMEDIES.get(key, ANGLE_REMEDY)
     if not cell.strip():
         faults.add(file, f"{key} is empty: {remedy}, or remove the row where the ball was not seen", line)

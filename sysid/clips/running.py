@@ -22,14 +22,14 @@ from sysid.clips.noise import position_noise
 from sysid.clips.segments import cuts_of, moving_from, moving_m
 from sysid.clips.strike import after_time
 
-SMOOTH_SAMPLES = 6  # of each ball, from the start on, that hold no impact
-MAX_BENT_SD, MAX_BENT_M = 4.0, 3e-4  # off a parabola, of a smooth motion
-APART_SHARE = 0.25  # of the way by which a ball has moved, between the halves of its first samples
-MIN_RUNNING_SAMPLES = 12  # of a ball that moves at the start
-MAX_LATE_FRAMES = 3.5  # of a ball's first sample after the start
-LAST_SAMPLES = 4  # of a ball that is not seen again, which rests if these lie in one place
-MAX_STARTS = 2000  # that are tried; of longer clips every second moment, or fewer
-USUAL_SIGMA_M = 5e-4  # of positions, where the tracks are too short for an estimate
+SMOOTH_SAMPLES = 6  # first samples of each ball, which must hold no impact
+MAX_BENT_SD, MAX_BENT_M = 4.0, 3e-4  # largest distance of a smooth motion from a parabola
+APART_SHARE = 0.25  # least distance between the halves of a moving ball's first samples, over its displacement
+MIN_RUNNING_SAMPLES = 12  # fewest samples of a ball that moves at the start
+MAX_LATE_FRAMES = 3.5  # latest first sample of a ball after the start
+LAST_SAMPLES = 4  # last samples of a ball that disappears; it rests if they lie in one place
+MAX_STARTS = 2000  # most start moments that are tried; longer clips are thinned out
+USUAL_SIGMA_M = 5e-4  # assumed noise of positions, if the tracks are too short for an estimate
 
 
 def begun_running(clip_set: ClipSet) -> tuple[ClipSet, list[str]]:
@@ -57,7 +57,7 @@ def usual_noise(clip_set: ClipSet) -> float:
 
 
 def begun(clip: Clip, of: ClipSet, sigma: float) -> Clip | None:
-    """The clip from free motion on, or from any motion where none is free, see `from_free_motion`."""
+    """The clip from the first free motion on, or else from any motion; see `from_free_motion`."""
     return from_free_motion(clip, of, sigma) or from_free_motion(clip, of, sigma, smooth=False)
 
 
@@ -108,7 +108,7 @@ def starts_moving(clip: Clip, sigma: float) -> list[str]:
 
 
 def _from(balls: Mapping[str, Observation], start: float) -> dict[str, Observation]:
-    """The tracks from a time on, which becomes 0; of a ball that was last seen at rest before, its place."""
+    """The tracks from a time on, which becomes 0; a ball last seen at rest before keeps its place."""
     found = {}
     for name, seen in balls.items():
         part = after_time(seen, start)
@@ -167,14 +167,14 @@ def moves_at_first(seen: Observation, sigma: float) -> bool:
 
 
 def _bent(time: Array, xy: Array) -> float:
-    """How far samples lie off a parabola, at most [m]."""
+    """Largest distance of samples from a parabola [m]."""
     powers = np.vander((time - time[0]) / max(float(time[-1] - time[0]), 1e-9), 3)
     fit, *_ = np.linalg.lstsq(powers, xy, rcond=None)
     return float(np.hypot(*(xy - powers @ fit).T).max())
 
 
 def running_line(clips: Sequence[Clip]) -> str | None:
-    """How many clips begin in mid-motion, in words; None where none does."""
+    """A line on how many clips begin in mid-motion; None if none does."""
     count = sum(bool(clip.running) for clip in clips)
     if not count:
         return None

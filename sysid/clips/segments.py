@@ -20,11 +20,11 @@ from models.shot import UNKNOWN_SESSION, Array, Session, Table
 from models.shot import Ball as BallSize
 from sysid.clips.clip_set import Clip, Observation
 
-MAX_TURN_GAP_M = 0.03  # from the cushion, beyond a frame's travel, for a turn to be an impact
-SLOPE_SAMPLES = 5  # on each side of a slow impact, for the velocities before and after
-MAX_SLOW_HIT_GAP_M = 0.006  # from the cushion, of the nearest sample of a slow impact
-MAX_EVEN_FRAMES = 1.5  # between samples of a tracker that left out none
-MAX_ONSET_ERROR_FRAMES = 2.0  # of the moment at which a ball began to move
+MAX_TURN_GAP_M = 0.03  # largest distance of an impact from the cushion, beyond a frame's travel
+SLOPE_SAMPLES = 5  # samples on each side of a slow impact, for the velocities before and after
+MAX_SLOW_HIT_GAP_M = 0.006  # largest distance of a slow impact's nearest sample from the cushion
+MAX_EVEN_FRAMES = 1.5  # longest interval between samples of a tracker that left out none
+MAX_ONSET_ERROR_FRAMES = 2.0  # largest error of the moment at which a ball began to move
 CLAMP_MARGIN_M = 0.002  # samples closer to a cushion may be clamped by the tracker: they are not used
 
 
@@ -52,7 +52,7 @@ class Segment:
 
 
 def moving_from(seen: Observation, sigma: float) -> int:
-    """Number of samples in which a ball still rests at its first place."""
+    """Number of initial samples in which a ball still rests at its first place."""
     moved = np.hypot(*(seen.xy - seen.xy[0]).T) > moving_m(sigma)
     return int(np.argmax(moved)) if moved.any() else len(moved)
 
@@ -68,10 +68,10 @@ def onsets(clip: Clip, sigma: float, fps: float) -> dict[str, Observation]:
 
 
 def onset(seen: Observation, sigma: float, fps: float) -> Observation:
-    """The track without what precedes its motion, but for one rest sample when it began.
+    """The track from the onset of motion on, with one resting sample at that moment.
 
-    That is a frame before the first sample in motion. Of a tracker that writes no samples of resting and slow balls it
-    is where the ball's first speed leads back to its place.
+    The onset is a frame before the first sample in motion. If the tracker writes no samples of resting and slow balls,
+    it is the moment to which the ball's first speed leads back.
     """
     first = moving_from(seen, sigma)
     if first == len(seen.time):
@@ -128,7 +128,7 @@ def cushion_cuts(time: Array, xy: Array, table: Table, ball: BallSize, sigma: fl
 def ball_cuts(name: str, time: Array, others: dict[str, Observation], xy: Array, ball: BallSize) -> list[Cut]:
     """Samples at which the distance to another ball has a minimum near one diameter.
 
-    Of a ball that begins to move just then it need not be as near, since the moment is known to a frame or two only.
+    A ball that begins to move just then need not be as near, since that moment is known to a frame or two only.
     """
     cuts = []
     step = np.hypot(*np.diff(xy, axis=0).T)

@@ -1,6 +1,6 @@
-"""When and under what clips were filmed: the `session` of a `[[clip]]`, and the `Session` of a shot.
+"""Conditions under which clips were filmed: the `session` of a `[[clip]]`, and the `Session` of a shot.
 
-In: the keys of clips.toml. Out: what effects see. What no clip has is 0 there.
+In: the keys of clips.toml. Out: the values that effects see; a key that no clip has is 0.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def session_of(order: float, entries: Mapping[str, float]) -> Session:
 
 
 def entries_of(sessions: Sequence[Session]) -> list[dict[str, Any]]:
-    """The keys of each clip's `session`: those of which some clip has more than nothing."""
+    """The `session` keys of each clip, of those that some clip has with a nonzero value."""
     rows = [dataclasses.asdict(one) for one in sessions]
     keys = [key for key in rows[0] if key != "order" and any(row[key] for row in rows)] if rows else []
     return [dict(_entry(key, row[key]) for key in keys) for row in rows]

@@ -1,9 +1,9 @@
-"""Slow noise of a tracker: by how much its tracks wander about smooth paths, over many samples.
+"""Slow noise of a tracker: deviations of its tracks from smooth paths that last over many samples.
 
 In: a `ClipSet`, and the noise from sample to sample. Out: a `SlowNoise`: its standard deviation and correlation time.
 
 A ball that rolls is slowed, and turned, so evenly that a cubic follows it to its next impact; sets generated with an
-effect of natural size show nothing beside their noise of half a millimetre. What is left beyond the noise are errors of
+effect of natural size show nothing beyond their noise of half a millimetre. What is left beyond the noise are errors of
 the image (a compressed picture, uneven light, a lens, frames at uneven times) or a cloth that is not flat within some
 decimetres; no model says which way they go, and neighbouring samples share them. Fits weigh samples by both noises, or
 they would take wandering for physics.
@@ -25,38 +25,38 @@ from sysid.clips.clip_set import ClipSet
 from sysid.clips.correlation import integrated_time
 from sysid.clips.segments import Segment, split_all
 
-POLYNOMIAL_DEGREE = 3  # of the polynomial that follows a rolling ball
-MIN_SAMPLES = 24  # of a smooth part, so that noise and wandering can be distinguished
-MIN_STRETCHES = 3  # for a median
-MIN_SLIDING_FRICTION = 0.1  # with which a ball rolls at the latest when it is taken to
-MAX_SLIP_OF_SPEED = 2.0  # of a ball that sets off with as much backspin as it can roll
-MIN_SPEED_M_S = 0.04  # below which a ball may be stopping
-SPEED_SAMPLES = 3  # before and after one, from which its speed is estimated
-MIN_SIGNIFICANCE = 3.0  # standard errors beyond the noise, to count
+POLYNOMIAL_DEGREE = 3  # degree of the polynomial that follows a rolling ball
+MIN_SAMPLES = 24  # fewest samples of a smooth part that distinguish noise from wandering
+MIN_STRETCHES = 3  # fewest smooth parts for a median
+MIN_SLIDING_FRICTION = 0.1  # least sliding friction, which gives the longest slide
+MAX_SLIP_OF_SPEED = 2.0  # initial slip over speed of a ball with as much backspin as natural roll
+MIN_SPEED_M_S = 0.04  # slower balls may be stopping
+SPEED_SAMPLES = 3  # samples before and after one that give its speed
+MIN_SIGNIFICANCE = 3.0  # standard errors beyond the noise for slow noise to count
 ERROR_OF_MEDIAN = 1.25  # standard error of a median over that of a mean
 
 
 @dataclass(frozen=True)
 class SlowNoise:
-    """How tracks wander about smooth paths."""
+    """Deviations of tracks from smooth paths."""
 
-    sd: float = 0.0  # per axis [m]; 0 where nothing shows beside the noise
+    sd: float = 0.0  # per axis [m]; 0 if nothing is found beyond the noise
     correlation_time: float = 1.0  # [samples]: so many count as one
 
     def together(self, noise: float, correlation: float) -> float:
-        """Correlation time [samples] of this beside noise of a standard deviation [m] and correlation time."""
+        """Correlation time [samples] of this together with noise of a standard deviation [m] and correlation time."""
         both = noise**2 + self.sd**2
         return (noise**2 * correlation + self.sd**2 * self.correlation_time) / both if both > 0 else correlation
 
     def in_words(self) -> str:
-        """How large it is, and what it may come from."""
+        """A line on its size and its possible origin."""
         return (
             f"tracks wander by {1e3 * self.sd:.2f} mm an axis about smooth paths, over some "
             f"{self.correlation_time:.0f} samples: errors of the image, or cloth that is not flat"
         )
 
     def as_white(self, noise: float) -> float:
-        """White noise [m] that leaves as much in means over many samples as this beside white noise."""
+        """Standard deviation [m] of the white noise that matters as much in long means as this plus white noise."""
         return math.hypot(noise, self.sd * math.sqrt(self.correlation_time))
 
 
@@ -88,7 +88,7 @@ def _stretches(clip_set: ClipSet, noise: float) -> Iterator[tuple[NDArray[np.flo
 
 
 def _rolls(segment: Segment) -> NDArray[np.bool_]:
-    """Samples in which a ball rolls for certain: after the longest slide, and before it stops."""
+    """Samples in which a ball certainly rolls: after the longest possible slide and before it stops."""
     time, xy, k = segment.time, segment.xy, SPEED_SAMPLES
     first = float(np.hypot(*(xy[2 * k] - xy[0]))) / (time[2 * k] - time[0])
     longest = 2 / 7 * MAX_SLIP_OF_SPEED * first / (MIN_SLIDING_FRICTION * GRAVITY)
@@ -99,7 +99,7 @@ def _rolls(segment: Segment) -> NDArray[np.bool_]:
 
 
 def _residual(time: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions less the cubic through them: (n, 2) [m]."""
+    """Residuals of positions from the cubic through them: (n, 2) [m]."""
     smooth = np.linalg.qr(np.vander((time - time.mean()) / np.ptp(time), POLYNOMIAL_DEGREE + 1))[0]
     return np.asarray(xy - smooth @ (smooth.T @ xy))
 

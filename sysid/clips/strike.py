@@ -18,17 +18,17 @@ from sysid.clips.contradiction import is_sound
 from sysid.clips.names import CLIPS_TOML
 
 STAMP_DECIMALS = 9  # of seconds: differences of stamps are rounded to them, so that the clock's origin leaves no trace
-REST_M = 0.003  # of a ball that has not moved
-MIN_MISSED_M = 0.006  # way that a ball at rest would have gone at its first speed, above what noise imitates
-REST_SHARE = 0.5  # of that way, of a ball that was at rest
-MAX_RESTING_TURN_RAD = 0.3  # of a ball's mark
-SPEED_STEPS = 3  # from sample to sample, of which a first speed is the mean
-MIN_MOVED_M = 0.02  # by another ball before the strike, for that one to be the struck
-MIN_CLIPS = 2  # that show another ball struck, for the set to be reported
+REST_M = 0.003  # a ball within this distance of its first place has not moved
+MIN_MISSED_M = 0.006  # least distance that a ball would have covered at its first speed, beyond what noise imitates
+REST_SHARE = 0.5  # largest share of that distance for a ball that was at rest
+MAX_RESTING_TURN_RAD = 0.3  # largest turn of the mark of a ball at rest
+SPEED_STEPS = 3  # steps from sample to sample whose mean is the first speed
+MIN_MOVED_M = 0.02  # least motion of another ball before the strike for it to be the struck one
+MIN_CLIPS = 2  # fewest clips that show another ball struck for a report on the set
 
 
 def first_moving(seen: Observation) -> int:
-    """Number of the first sample from which on it is away from where it was first seen; of all where it never is."""
+    """Index of the first sample from which on a ball has left its first place; their number if it never has."""
     away = np.append(np.hypot(*(seen.xy - seen.xy[:1]).T) > REST_M, np.ones(SPEED_STEPS, bool))
     for k in np.flatnonzero(away[: len(seen.time)]).tolist():
         if away[k : k + SPEED_STEPS + 1].all():
@@ -56,7 +56,7 @@ def strike_time(seen: Observation) -> float | None:
 
 
 def from_strike(clip: Clip) -> Clip:
-    """The clip without what precedes the strike; itself where it begins with it, or where another ball moves first."""
+    """The clip from the strike on; unchanged if it begins with it, or if another ball moves first."""
     if clip.running:
         return clip
     seen = clip.balls.get(clip.struck)
@@ -77,7 +77,7 @@ def after_time(seen: Observation, start: float) -> Observation:
 
 
 def struck_fault(clip_set: ClipSet) -> tuple[str, str] | None:
-    """Clips in which another ball moves while the struck one rests: where to correct that, and how."""
+    """Fault for clips in which another ball moves while the struck one rests: file and message."""
     struck = [clip for clip in clip_set.clips if not clip.running]
     wrong = [(clip, first) for clip in struck if (first := moves_first(clip)) != clip.struck]
     if len(wrong) < MIN_CLIPS:
@@ -104,7 +104,7 @@ def moves_first(clip: Clip) -> str:
 
 
 def _rests_until(seen: Observation) -> float:
-    """How long a ball rests from its first sample on [s]."""
+    """Time that a ball rests from its first sample on [s]."""
     if first_moving(seen) == len(seen.time):
         return np.inf
     began = strike_time(seen)

@@ -1,4 +1,4 @@
-"""Whether times are those of the table: frame rate, speeds, and how balls slow down as they roll.
+"""Plausibility of times: frame rate, speeds, and the deceleration of rolling balls.
 
 In: a `ClipSet`. Out: `Contradiction`s.
 
@@ -25,23 +25,23 @@ from sysid.clips.segments import split_all
 from sysid.clips.trust import CAMERA_KEY
 
 MIN_INTERVALS = 20
-SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame's; the clock's scale is fitted
-MIN_EVEN_SHARE = 0.7  # of the intervals, for stamps to have a rate at all
-MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # of a hard break, and beyond doubt [m/s]
-SPEED_STEPS = 5  # of which the median is a speed: single samples may be wild
-SOUND_ROLLING, CERTAIN_ROLLING = (0.035, 0.3), (0.02, 0.6)  # decelerations, somewhat and far beyond all [m/s^2]
+SOUND_INTERVAL = 0.1  # relative departure of the stamps' interval from a frame's; fits include the clock's scale
+MIN_EVEN_SHARE = 0.7  # least share of equal intervals for stamps to have a rate
+MAX_CUE_SPEED, MAX_SPEED = 13.0, 30.0  # speed of a hard break, and a certainly impossible speed [m/s]
+SPEED_STEPS = 5  # steps whose median is a speed: single samples may be misplaced
+SOUND_ROLLING, CERTAIN_ROLLING = (0.035, 0.3), (0.02, 0.6)  # outside: doubtful, and certainly wrong [m/s^2]
 USUAL_ROLLING = 0.1  # [m/s^2]
-DEFAULT_SIGMA_M = 0.001  # of positions, where nothing is known of it
-MIN_SEGMENT_SAMPLES, MIN_ROLLING_M = 14, 0.1  # of a motion, and its way, for a deceleration
-MAX_ROLLING_ERROR_M = 0.003  # rms, of a motion that slows down evenly
+DEFAULT_SIGMA_M = 0.001  # assumed noise of positions, if unknown
+MIN_SEGMENT_SAMPLES, MIN_ROLLING_M = 14, 0.1  # fewest samples and shortest path of a motion for a deceleration
+MAX_ROLLING_ERROR_M = 0.003  # largest rms residual of an evenly decelerated motion
 CHECKED_KEY = "times_checked"  # of [camera]
-ROLLS_FROM = 0.4  # of a motion, after which balls have stopped to slide, mostly
+ROLLS_FROM = 0.4  # share of a motion after which most balls have stopped sliding
 MIN_ROLLING_SEGMENTS = 4
 SD_95 = 1.96
 
 
 def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradiction | None:
-    """Stamps whose interval is not that of the stated frame rate; `times_are_wrong` where motions say so as well."""
+    """Contradiction of stamps and stated frame rate; `times_are_wrong` if the motions contradict the times as well."""
     pooled = sample_intervals(clip_set.clips)
     if len(pooled) < MIN_INTERVALS:
         return None
@@ -59,7 +59,7 @@ def frame_rate(clip_set: ClipSet, times_are_wrong: bool = False) -> Contradictio
 
 
 def speeds(clip_set: ClipSet) -> Contradiction | None:
-    """Balls that are faster than any cue makes them."""
+    """Contradiction by balls faster than any cue can make them."""
     fastest = [(max(map(_top_speed, c.balls.values()), default=0.0), c.file) for c in clip_set.clips]
     fast = [one for one in fastest if one[0] > MAX_CUE_SPEED]
     if not fast:
@@ -80,15 +80,15 @@ def _top_speed(seen: Observation) -> float:
 
 @dataclass(frozen=True)
 class Deceleration:
-    """Of rolling balls, the lower quartile over their way; some slide still, and slow down by more."""
+    """Deceleration of rolling balls: lower quartile over path length, since some still slide and slow down more."""
 
     rate: float  # [m/s^2]
-    interval: tuple[float, float]  # the quartiles of what 95 % leave below and above each motion's own [m/s^2]
+    interval: tuple[float, float]  # quartiles of the lower and upper 95 % limits of single motions [m/s^2]
     way: float  # [m]
 
 
 def rolling_deceleration(clip_set: ClipSet) -> Deceleration | None:
-    """How rolling balls slow down; None of too little."""
+    """Deceleration of rolling balls; None if there is too little motion."""
     sigma = clip_set.sigma or DEFAULT_SIGMA_M
     found = []
     clips: list[Clip] = [c for c in clip_set.clips if c.struck in c.balls]
@@ -115,7 +115,7 @@ def _lower_quartile(values: np.ndarray, weights: np.ndarray) -> float:
 
 
 def rolling(clip_set: ClipSet) -> Contradiction | None:
-    """Balls that slow down as on no cloth: time is in another unit, or as a film was played, not taken."""
+    """Contradiction by decelerations of no real cloth: another unit of time, or the playback rate of a film."""
     found = rolling_deceleration(clip_set)
     if found is None:
         return None
@@ -129,12 +129,12 @@ def rolling(clip_set: ClipSet) -> Contradiction | None:
     camera = clip_set.extra.get(CAMERA_KEY)
     checked = isinstance(camera, dict) and camera.get(CHECKED_KEY) is True
     text = (
-        f"rolling balls slow down by {rate:.2g} m/s^2 (over {found.way:.0f} m), and on cloths by 0.04 to 0.2"
+        f"rolling balls slow down by {rate:.2g} m/s^2 (over {found.way:.0f} m), on real cloths by 0.04 to 0.2"
         f"{times if rate > 0 else ''}: correct t and fps, such as with: {reading_command(clip_set, '--fps F')}, "
-        "F the frames taken in a second"
+        "F being the true frame rate"
     )
     if beyond_doubt:
         return Contradiction(ALL_CLIPS, text, True)
     if not checked:
-        text += f"; where they are right, write {CHECKED_KEY} = true under [{CAMERA_KEY}] of {CLIPS_TOML}"
+        text += f"; if they are right, write {CHECKED_KEY} = true under [{CAMERA_KEY}] of {CLIPS_TOML}"
     return Contradiction(ALL_CLIPS, text, not checked, unless=CHECKED_KEY)

@@ -1,4 +1,4 @@
-"""Doubts about the camera that a clip set was seen by: carried in its `[camera]`, and what is said of them.
+"""Doubts about a clip set's camera: stored in its `[camera]`, and reported wherever they matter.
 
 In: a clip set, or the doubts of a camera. Out: one line wherever they matter, a refusal where a robot would go by it.
 """
@@ -17,14 +17,14 @@ CAMERA_KEY, DOUBTS_KEY = "camera", "doubts"  # of clips.toml
 
 
 def camera_doubts(clip_set: ClipSet) -> tuple[str, ...]:
-    """Why the camera that it was seen by is not to be trusted; none where it is, or nobody says."""
+    """The reasons why the clip set's camera is doubtful; empty if there are none."""
     camera = clip_set.extra.get(CAMERA_KEY)
     doubts = camera.get(DOUBTS_KEY) if isinstance(camera, dict) else None
     return tuple(text for text in doubts if isinstance(text, str)) if isinstance(doubts, list | tuple) else ()
 
 
 def with_doubts(clip_set: ClipSet, doubts: Sequence[str]) -> ClipSet:
-    """The clip set with these doubts of its camera, too."""
+    """The clip set with these doubts added to its camera."""
     if not doubts:
         return clip_set
     camera = clip_set.extra.get(CAMERA_KEY)
@@ -34,7 +34,7 @@ def with_doubts(clip_set: ClipSet, doubts: Sequence[str]) -> ClipSet:
 
 
 def doubt_line(name: Path | str, doubts: Sequence[str]) -> str:
-    """One line on a camera, named by its file or by what it saw, that is not to be trusted; "" for one that is."""
+    """A line on the doubts about a camera, named by its file or by what it saw; "" if there are none."""
     return one_line(f"{name}: the camera is not to be trusted: {'; '.join(doubts)}") if doubts else ""
 
 
@@ -45,7 +45,7 @@ def tell_doubts(name: Path | str, doubts: Sequence[str]) -> None:
 
 
 def heed_doubts(name: Path | str, doubts: Sequence[str], accepted: bool) -> None:
-    """The same where a robot, or a plan for one, goes by the camera: BadInput where it was not accepted in doubt."""
+    """The same where a robot or its plan relies on the camera; BadInput unless the doubt was accepted."""
     if doubts and not accepted:
-        raise BadInput(f"{doubt_line(name, doubts)}: calibrate it anew, or go on with --accept-camera")
+        raise BadInput(f"{doubt_line(name, doubts)}: calibrate it again, or continue with --accept-camera")
     tell_doubts(name, doubts)

@@ -1,4 +1,4 @@
-"""Units, origin and axes of a whole clip set: coordinates and times that are all wrong in the same way.
+"""Units, origin and axes of a whole clip set: coordinates or times that are wrong in the same way everywhere.
 
 In: a clip set with the table and the frame rate that clips.toml states. Out: one fault in place of one for every row.
 Where many rows lie off the table, the likeliest reading (sysid/clips/readings.py) is named.
@@ -22,17 +22,17 @@ from sysid.clips.readings import (
 )
 
 SECONDS_BY_UNIT = {"milliseconds": 1e-3, "microseconds": 1e-6}
-MIN_SHARE_OUTSIDE = 0.05  # of the rows of a clip, for its coordinates to be suspect
-MIN_SHARE_SUSPECT = 0.5  # of the clips, for the set to be
-MIN_ROWS = 30  # of all clips, below which rows are looked at one by one
-MIN_PIXELS = 3.0  # times the table in metres, of coordinates that are in no unit of length
-MAX_OFF_UNIT = 0.3  # of an interval from a frame's in another unit, relative
+MIN_SHARE_OUTSIDE = 0.05  # least share of a clip's rows off the table for its coordinates to be suspect
+MIN_SHARE_SUSPECT = 0.5  # least share of suspect clips for the set to be suspect
+MIN_ROWS = 30  # sets with fewer rows are judged row by row
+MIN_PIXELS = 3.0  # least ratio of coordinates to the table in metres if they are in no unit of length
+MAX_OFF_UNIT = 0.3  # largest relative difference of an interval from a frame's in another unit
 MIN_FRAMES_APART = 5.0  # nominal frames between rows, from which whole numbers count frames
 WHOLE_TOLERANCE = 1e-6
 
 
 def coordinates_fault(clip_set: ClipSet) -> str | None:
-    """How the coordinates of most clips must have been written, where that is not in metres from the centre."""
+    """A fault if the coordinates of most clips follow another convention than metres from the centre."""
     table, ball = clip_set.table, clip_set.ball
     all_xy = [xy for xy in places(clip_set.clips) if len(xy)]
     suspect = [share_inside(xy, table, ball) < 1 - MIN_SHARE_OUTSIDE for xy in all_xy]
@@ -57,7 +57,7 @@ def coordinates_fault(clip_set: ClipSet) -> str | None:
 
 
 def clip_fault(clip_set: ClipSet) -> str | None:
-    """How the coordinates of a clip, alone in this set, must have been written, where hardly a row is on the table."""
+    """A fault if one clip alone follows another convention, so that hardly a row is on the table."""
     [xy] = places(clip_set.clips)
     if not len(xy) or share_inside(xy, clip_set.table, clip_set.ball) > MIN_SHARE_OUTSIDE:
         return None
@@ -72,7 +72,7 @@ def clip_fault(clip_set: ClipSet) -> str | None:
 
 
 def steps_of(clip_set: ClipSet) -> Array:
-    """Intervals between the rows of all clips: (n,), in whatever unit times are."""
+    """Intervals between the rows of all clips: (n,), in the unit of the times."""
     stamps = [np.concatenate([np.zeros(0), *(o.time for o in clip.balls.values())]) for clip in clip_set.clips]
     return np.concatenate([np.zeros(0), *(np.diff(np.unique(t[np.isfinite(t)])) for t in stamps)])
 
@@ -83,7 +83,7 @@ def are_whole(steps: Array) -> bool:
 
 
 def times_fault(clip_set: ClipSet) -> str | None:
-    """The unit in which the times of all clips must have been written, where that is not seconds."""
+    """A fault if the times of all clips are in another unit than seconds."""
     fps, steps = clip_set.fps, steps_of(clip_set)
     if len(steps) < MIN_ROWS:
         return None

@@ -1,4 +1,4 @@
-"""Writing a clip set: a folder holds all of it, or what it held before.
+"""Writing a clip set atomically: afterwards the folder holds all of it, or what it held before.
 
 In: a `ClipSet`. Out: a folder in the format `billiard-clips/1`.
 
@@ -196,13 +196,13 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
 
 
 def _swapped(one: Path, other: Path) -> bool:
-    """Exchange two folders in one step, which no kill can interrupt; False where the system has none (renameat2)."""
+    """Exchange two folders atomically; False if the system cannot (renameat2)."""
     swap = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     return swap is not None and swap(AT_FDCWD, bytes(one), AT_FDCWD, bytes(other), RENAME_EXCHANGE) == 0
 
 
 def _refuse_foreign(folder: Path, target: Path) -> None:
-    """Replace nothing but clip sets: anything else that the folder holds is somebody's work."""
+    """Raise BadInput if the folder holds anything but a clip set, since only clip sets may be replaced."""
     if not target.exists():
         return
     if not target.is_dir():
@@ -210,7 +210,7 @@ def _refuse_foreign(folder: Path, target: Path) -> None:
     found = {os.path.relpath(os.path.join(at, file), target) for at, _, files in os.walk(target) for file in files}
     foreign = sorted(found - _own_files(target))
     if foreign:
-        what = "is no clip set" if CLIPS_TOML in foreign or CLIPS_TOML not in found else "is no part of its clip set"
+        what = "is not a clip set" if CLIPS_TOML in foreign or CLIPS_TOML not in found else "is not part of it"
         raise BadInput(f"{folder}: holds {shown(foreign[0])} and {what}: choose another folder")
 
 

@@ -1,4 +1,4 @@
-"""Friction and restitution straight from tracks, each by a method of its own: no simulator, no common fit.
+"""Friction and restitution measured directly from tracks, each by its own method, without simulator or common fit.
 
 In: a clip set. Out: `Measurements`, the paper's direct measurements with their uncertainty. In the order of imports:
 

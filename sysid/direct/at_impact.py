@@ -14,15 +14,15 @@ from sysid.clips.segments import Segment
 from sysid.direct.friction import MAX_CHI2, MIN_SAMPLES
 from sysid.direct.slide_roll import ParameterPrior, SegmentMotion, SlideRoll, fit_slide_roll
 
-ROLLING_WINDOW_S, SLIDING_WINDOW_S, WINDOW_AFTER_S = 0.5, 0.3, 0.6  # that determine the velocity at an impact
-MAX_GAP_S = 0.15  # longest time between the segments beside an impact
+ROLLING_WINDOW_S, SLIDING_WINDOW_S, WINDOW_AFTER_S = 0.5, 0.3, 0.6  # windows that determine the velocity at an impact
+MAX_GAP_S = 0.15  # longest time between the segments before and after an impact
 MIN_APPROACH_M_S = 0.2  # slower impacts are left out
 MAX_IMPACT_SD = 0.1  # relative sd of an impact that is used
 
 
 @dataclass(frozen=True)
 class Known:
-    """Noise and cloth, for the fits beside impacts."""
+    """Noise and cloth for the fits before and after impacts."""
 
     sigma: float  # [m]
     frame: float  # [s]

@@ -34,12 +34,12 @@ from sysid.direct.at_impact import (
 from sysid.direct.measured import MIN_VALUES_FOR_SPEED, Kind, Measured, Single, combine
 from sysid.direct.slide_roll import Array, SegmentMotion, SlideRoll
 
-MAX_REBOUND_CHI2 = 14.0  # of four velocities, beyond which a rebound is left out
-MAX_RATIO_ANGLE_RAD, MAX_RESTITUTION_ANGLE_RAD = np.radians([25.0, 50.0])  # of incidence, off the normal
-MAX_RATIO_SIDESPIN = 0.35  # R w / v above which a rebound's ratio is left out
-MAX_RAIL_DISTANCE_M = 0.02  # of a rebound from the cushion, beyond which it is none
-USUAL_FRICTION = (0.14, 0.05)  # of a cushion and its sd, where the tracks do not determine it: Mathavan 2010
-MIN_REBOUNDS, MAX_REBOUNDS = 5, 40  # from which the cushion's friction is estimated
+MAX_REBOUND_CHI2 = 14.0  # chi-square of four velocities beyond which a rebound is left out
+MAX_RATIO_ANGLE_RAD, MAX_RESTITUTION_ANGLE_RAD = np.radians([25.0, 50.0])  # largest angles of incidence
+MAX_RATIO_SIDESPIN = 0.35  # largest R w / v of a rebound whose ratio is used
+MAX_RAIL_DISTANCE_M = 0.02  # largest distance of a rebound from the cushion
+USUAL_FRICTION = (0.14, 0.05)  # a cushion's friction and its sd, if the tracks do not determine it: Mathavan 2010
+MIN_REBOUNDS, MAX_REBOUNDS = 5, 40  # rebounds from which the cushion's friction is estimated
 
 CUSHION_RATIO = Kind(
     "cushion velocity ratio", "1", "rebounds", "normal velocity after over before, rolling, within 25 deg",
@@ -69,7 +69,7 @@ class Rebound:
 
 
 def rebounds(found: Sequence[SegmentMotion], clip_set: ClipSet, known: Known) -> list[Rebound]:
-    """Every rebound with enough of the tracks beside it."""
+    """Every rebound with enough samples before and after it."""
     used = []
     centre_limit = clip_set.table.centre_limits(clip_set.ball)
     for k in found:
@@ -95,7 +95,7 @@ def rebounds(found: Sequence[SegmentMotion], clip_set: ClipSet, known: Known) ->
 
 
 def _contact(before: Before, after: Segment, axis: int, known: Known) -> tuple[float, SlideRoll] | None:
-    """When the two paths beside a rebound meet, across the cushion [s], and the motion from then on."""
+    """The time at which the two paths of a rebound meet, along the normal [s], and the motion from then on."""
     contact = float(after.time[0]) - known.frame
     fit = motion_after(after, contact, known)
     for _ in range(2):
@@ -172,7 +172,7 @@ def _jacobian(f: Callable[[Array], Array]) -> Array:
 
 
 def friction(came: Sequence[Rebound], ball: Ball, cloth: float) -> Measured:
-    """Friction of the cushion with which rebounds are predicted best, and agree best on a restitution."""
+    """Friction of the cushion that predicts rebounds best and gives the most consistent restitution."""
     best = sorted(came, key=lambda r: r.ratio.sd / r.ratio.value)[:MAX_REBOUNDS]
     grid, rows, value = np.zeros(0), np.zeros((0, len(best), 4)), 0.0
     for more in (np.linspace(0.02, 0.42, 15), np.linspace(-0.05, 0.05, 21)):
@@ -213,8 +213,8 @@ def cushion(found: Sequence[Rebound], ball: Ball, cloth: float, notes: Sequence[
         return [dataclasses.replace(r.ratio, value=e, sd=sd) for r, e, sd in values if sd < MAX_IMPACT_SD]
 
     slid = len(found) - sum(r.rolled for r in found)
-    sliding = [f"{slid} of {len(found)} balls came sliding and are left out: their spin is not seen"] if slid else []
-    assumed = [] if nose.value else ["the cushion's friction is not measured here and taken as 0.14 +- 0.05"]
+    sliding = [f"{slid} of {len(found)} balls came sliding and are left out: their spin is unknown"] if slid else []
+    assumed = [] if nose.value else ["the cushion's friction is not measured here; 0.14 +- 0.05 is assumed"]
     e, low, high = (combine(CUSHION_RESTITUTION, energetic(row), [*notes, *sliding, *assumed]) for row in rows)
     if e.value is not None and e.sd is not None and low.value is not None and high.value is not None:
         e = dataclasses.replace(e, sd=math.hypot(e.sd, (high.value - low.value) / 2))

@@ -1,4 +1,4 @@
-"""Even deceleration of a path length, or of an angle, to a stop.
+"""Constant deceleration of a path length, or of an angle, to a stop.
 
 In: samples of the path length or angle. Out: a `Deceleration`: s = s0 + v t - 1/2 a t^2 until the stop, and how a
 changes with speed.
@@ -13,14 +13,14 @@ import numpy as np
 
 from sysid.direct.slide_roll import Array
 
-MIN_MOVING_SAMPLES = 6  # that determine a deceleration
+MIN_MOVING_SAMPLES = 6  # fewest samples for a deceleration
 MIN_PATH_M = 0.05  # shortest path
 MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True)
 class Deceleration:
-    """Of a path length [m] or an angle [rad]."""
+    """The fitted deceleration of a path length [m] or an angle [rad]."""
 
     speed: float  # at the first sample
     rate: float  # of the deceleration
@@ -70,7 +70,7 @@ def fit_deceleration(t: Array, s: Array, sigma: float | None, tolerance: float) 
 
 
 def path_length(xy: Array) -> tuple[Array, float] | None:
-    """Path length along a smooth path (n, 2): (n,) [m], and its heading [rad]; None where it is short."""
+    """Path length along a smooth path (n, 2): (n,) [m], and its heading [rad]; None if it is short."""
     chord = xy[-1] - xy[0]
     length = math.hypot(*chord)
     if length < MIN_PATH_M:

@@ -24,23 +24,23 @@ from sysid.direct.deceleration import fit_deceleration, path_length
 from sysid.direct.measured import Kind, Single
 from sysid.direct.slide_roll import LN_SLIDE, SegmentMotion
 
-MIN_SAMPLES = 8  # of a segment that determines a friction
-MAX_CHI2 = 9.0  # reduced, of a fit that is used
-MAX_SLIDE_SD, MAX_DECELERATION_SD = 0.12, 0.2  # relative sd of a value that is used
+MIN_SAMPLES = 8  # fewest samples of a segment for a friction
+MAX_CHI2 = 9.0  # largest reduced chi-square of a fit that is used
+MAX_SLIDE_SD, MAX_DECELERATION_SD = 0.12, 0.2  # largest relative sd of a value that is used
 MIN_SLIDE_DECELERATION_M_S2 = 0.4
-MIN_TURN_RAD = 0.5  # of a spinning ball's mark
-TURN_TOLERANCE_RAD = 0.15  # of the last angle, within which the mark may be at rest
+MIN_TURN_RAD = 0.5  # least turn of a spinning ball's mark
+TURN_TOLERANCE_RAD = 0.15  # deviation from the last angle within which the mark may be at rest
 
 SLIDE_FRICTION = Kind(
     "decoupled_cloth.slide", "1", "segments", "slide and roll joined at an unknown instant",
     "film stun, draw or follow shots at 1 m/s or more", GRAVITY, "slide_friction_speed", "1/s",
 )  # fmt: skip
 ROLL_FRICTION = Kind(
-    "decoupled_cloth.roll", "1", "segments", "even slowing along the path while rolling",
+    "decoupled_cloth.roll", "1", "segments", "constant deceleration along the path while rolling",
     "film balls that roll for a second or more", GRAVITY, "speed_drag (or air_drag)", "1/s", True,
 )  # fmt: skip
 SPIN_FRICTION = Kind(
-    "decoupled_cloth.spin", "rad/s^2", "segments", "even slowing of the turned angle",
+    "decoupled_cloth.spin", "rad/s^2", "segments", "constant deceleration of the turned angle",
     "film a marked ball spun on the spot", 1.0, "spin_decay_speed", "rad/s^2 per m/s",
 )  # fmt: skip
 

@@ -1,6 +1,6 @@
-"""Friction and restitution from tracks, each by a method of its own: no simulator, no common fit.
+"""All direct measurements of a clip set: friction and restitution, each by its own method.
 
-In: a clip set. Out: `Measurements`: every constant that the clips determine by itself.
+In: a clip set. Out: `Measurements`: every constant that the clips determine on its own.
 
 After Mathavan, Jackson, Parkin 2009 and Robotic Billiards (2015) section III; the methods are described in friction.py,
 ball_impact.py and cushion.py. Left out: accelerations of a ball besides the cloth's friction (a constant one across the
@@ -24,14 +24,14 @@ from sysid.direct.friction import MIN_SAMPLES, ROLL_FRICTION, SLIDE_FRICTION, SP
 from sysid.direct.measured import Measured, Measurements, combine
 from sysid.direct.slide_roll import LN_ROLL, LN_SLIDE, WIDE_PRIOR, ParameterPrior, segment_motions
 
-# Value, and relative sd, of a friction that is not measured; the least relative sd of one that is.
+# Value and relative sd of a friction that is not measured, and the least relative sd of a measured one.
 USUAL_SLIDE, MIN_SLIDE_SD = (0.2, 0.3), 0.02
 USUAL_ROLL, MIN_ROLL_SD = (0.0127, 0.5), 0.1
 log = logging.getLogger(__name__)
 
 
 def measure(clip_set: ClipSet) -> Measurements:
-    """Every constant that the clips determine by itself."""
+    """Measure every constant that the clips determine on its own."""
     sigma = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, sigma)
     frame, files = 1 / clip_set.fps, [c.file for c in clip_set.clips]
@@ -44,7 +44,7 @@ def measure(clip_set: ClipSet) -> Measurements:
     spin = combine(SPIN_FRICTION, spinning(clip_set, sigma))
     prior = _prior(slide, roll)
     known = Known(sigma, frame, prior, math.exp(float(prior[0][LN_SLIDE])) / GRAVITY)
-    notes = () if slide.value else ("mu_s is not measured here and taken as 0.2 +- 0.06 at impacts",)
+    notes = () if slide.value else ("mu_s is not measured here; 0.2 +- 0.06 is assumed at impacts",)
     log.info("impacts")
     ball = combine(BALL_RESTITUTION, collisions(found, clip_set, known), notes)
     three = cushion(rebounds(found, clip_set, known), clip_set.ball, known.cloth, notes)
@@ -52,7 +52,7 @@ def measure(clip_set: ClipSet) -> Measurements:
 
 
 def _prior(slide: Measured, roll: Measured) -> ParameterPrior:
-    """Prior of the motion beside impacts, with the frictions as they were measured, or as usual."""
+    """Prior of the motion before and after impacts, with measured frictions or else usual ones."""
     mean, sd = WIDE_PRIOR[0].copy(), WIDE_PRIOR[1].copy()
     for k, one, usual, least in (
         (LN_SLIDE, slide, USUAL_SLIDE, MIN_SLIDE_SD),

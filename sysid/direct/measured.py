@@ -1,4 +1,4 @@
-"""One figure from many values of a constant, each of one segment or event.
+"""The robust mean of many values of a constant, each from one segment or event.
 
 In: `Single` values y_k +- s_k. Out: a `Measured`: mean, standard deviation, and warnings.
 
@@ -23,11 +23,11 @@ from sysid.direct.slide_roll import Array
 HUBER_SD = 2.5  # standard deviations beyond which a value counts less
 EXPECTED_CLIPPED_SQUARE = 0.97756  # mean of min(z^2, HUBER_SD^2) of a normal z
 OUTLIER_SD = 5.0  # standard deviations beyond which a value is left out
-SIGNIFICANT_SD = 3.5  # from which a dependence is reported
+SIGNIFICANT_SD = 3.5  # least significance of a reported dependence
 DISAGREEING_CHI2 = 3.0  # reduced chi-square from which the user is warned that values disagree
-MIN_VALUES = 3  # below which the user is warned
-MIN_VALUES_FOR_SPEED, MIN_SPEED_RANGE_M_S = 6, 0.15  # from which a change with speed is tested
-MIN_VALUES_FOR_HEADING = 8  # from which a change with heading is tested
+MIN_VALUES = 3  # with fewer values the user is warned
+MIN_VALUES_FOR_SPEED, MIN_SPEED_RANGE_M_S = 6, 0.15  # fewest values and range that test a change with speed
+MIN_VALUES_FOR_HEADING = 8  # fewest values to test a change with heading
 
 
 @dataclass(frozen=True)
@@ -47,22 +47,22 @@ class Single:
 
 @dataclass(frozen=True)
 class Kind:
-    """What is measured, and how."""
+    """The kind of a measurement: constant, method, units and remedy."""
 
-    name: str  # of the constant in the model, or in words where it is none
+    name: str  # of the constant in the model, or a description if the model has none
     unit: str
     of: str  # "segments", "rebounds", ...
     method: str  # in a few words
-    remedy: str  # clips from which it could be measured
+    remedy: str  # the clips that would determine it
     divisor: float = 1.0  # of the singles
-    effect: str = ""  # what a model needs where it changes with speed
+    effect: str = ""  # the effect that a model needs if the constant changes with speed
     slope_unit: str = ""  # of the singles, per m/s
     headings: bool = False  # whether a change with the ball's heading is tested [m/s^2]
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One constant: value and standard deviation, None where the clips do not determine it."""
+    """A measured constant: value and standard deviation, None if the clips do not determine it."""
 
     kind: Kind
     value: float | None
@@ -88,7 +88,7 @@ class Measurements:
 
 
 def significance(value: float, sd: float, freedom: int) -> float:
-    """Standard deviations of a normal deviate as rare as value / sd is of Student's t with these degrees of freedom."""
+    """The normal deviate that is as unlikely as Student's t = value / sd with these degrees of freedom."""
     tail = float(stdtr(freedom, -abs(value) / sd)) if freedom > 0 and sd > 0 else 0.5
     return min(float(-ndtri(tail)), 99.0) if tail > 0 else 99.0
 
@@ -121,7 +121,7 @@ def regress(y: Array, s: Array, columns: Array) -> tuple[Array, Array, float]:
 
 
 def combine(kind: Kind, singles: Sequence[Single], notes: Sequence[str] = ()) -> Measured:
-    """One figure of many values, and what the user should know of it."""
+    """The robust mean of many values, with warnings for the user."""
     if not singles:
         return Measured(kind, None, None, warnings=(f"not determined by these clips: {kind.remedy}", *notes))
     y, s = np.array([k.value for k in singles]), np.array([k.sd for k in singles])
@@ -158,16 +158,16 @@ def combine(kind: Kind, singles: Sequence[Single], notes: Sequence[str] = ()) ->
     plain = np.linalg.lstsq(columns / s[:, None], y / s, rcond=None)[0]
     chi2 = float(np.sum(((y - columns @ plain) / s) ** 2)) / freedom if freedom else math.nan
     if n > 2 and chi2 > DISAGREEING_CHI2:
-        warnings.append(f"{kind.of} differ by more than their errors (chi2 {chi2:.1f}): the sd is widened")
+        warnings.append(f"{kind.of} differ by more than their errors (chi2 {chi2:.1f}): the sd is increased")
     if n < len(singles):
-        warnings.append(f"{len(singles) - n} of {len(singles)} {kind.of} lie far off and are left out")
+        warnings.append(f"{len(singles) - n} of {len(singles)} {kind.of} are outliers and left out")
     mean, sd = float(value[0]) / kind.divisor, math.sqrt(cov[0, 0]) / kind.divisor
     figures = (chi2, tau / kind.divisor, middle, slope, slope_sd)
     return Measured(kind, mean, sd, n, tuple(used), *figures, (*warnings, *notes))
 
 
 def _heading_warning(amplitude: Array, cov: Array, freedom: int) -> str | None:
-    """That values vary with the cosine and sine of the heading (2,); None where that is not significant."""
+    """A warning if values vary with the heading, with cosine and sine (2,); None if that is not significant."""
     size = float(np.hypot(*amplitude))
     sd = math.sqrt(amplitude @ cov @ amplitude) / size
     if significance(size, sd, freedom) <= SIGNIFICANT_SD + 0.5:  # the direction is free, too
@@ -180,7 +180,7 @@ def _heading_warning(amplitude: Array, cov: Array, freedom: int) -> str | None:
 
 
 def _slope(singles: Sequence[Single], found: list[tuple[float, float, int]]) -> tuple[float, float, float]:
-    """Change with speed, its sd, and value over sd: combined from those between singles (found) and inside them."""
+    """Change with speed, its sd, and their ratio, combined from changes between values and within segments."""
     inside = np.array([(k.slope, k.slope_sd) for k in singles if math.isfinite(k.slope_sd)]).reshape(-1, 2)
     if len(inside) >= MIN_VALUES:
         mean, cov, _ = regress(inside[:, 0], inside[:, 1], np.ones((len(inside), 1)))

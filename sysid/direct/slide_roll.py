@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sysid.clips.segments import Segment
 
 Array = NDArray[np.float64]
-ParameterPrior = tuple[Array, Array]  # mean and sd (9,) of the parameters: inf where nothing is known, 0 where held
+ParameterPrior = tuple[Array, Array]  # mean and sd (9,) of the parameters: inf if unknown, 0 if held
 
 # Parameters: r0 (2) [m], v0 (2) [m/s], d (2) [m/s], ln(mu_s g), ln(mu_r g), acceleration across the path [m/s^2].
 LN_SLIDE, LN_ROLL, ACROSS = 6, 7, 8
@@ -30,11 +30,11 @@ WIDE_PRIOR: ParameterPrior = (
     np.array([0, 0, 0, 0, 0, 0, math.log(2.0), math.log(0.12), 0.0]),
     np.array([np.inf, np.inf, np.inf, np.inf, 3.0, 3.0, 1.0, 0.7, 0.03]),
 )
-DIFFERENCE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-5])  # of derivatives by them
-FIRST_SPAN_S = 0.8  # of a segment in which its slide is sought at first
+DIFFERENCE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-5, 1e-5, 1e-4, 1e-4, 1e-5])  # for derivatives
+FIRST_SPAN_S = 0.8  # beginning of a segment that is searched for a slide first
 TRIED_SLIDE_SHARES = np.array([0.03, 0.06, 0.12, 0.2, 0.3, 0.45, 0.7, 1.0])  # durations of a slide over the time seen
 MAX_FIT_STEPS = 60
-MAX_LOG_STEP = 0.7  # of the logarithms of the frictions
+MAX_LOG_STEP = 0.7  # longest step of the logarithms of the frictions
 
 
 def positions(p: Array, t: Array) -> Array:
@@ -73,7 +73,7 @@ class SlideRoll:
         return both[0], jacobian @ self.covariance @ jacobian.T
 
     def slide_duration(self) -> tuple[float, float]:
-        """How long the ball slid, and the sd of that [s]."""
+        """Duration of the slide and its sd [s]."""
         d, a = self.parameters[4:6], math.exp(self.parameters[LN_SLIDE])
         size = math.hypot(*d)
         jacobian = np.array([*(d / max(size, 1e-9) / a), -size / a])
@@ -123,7 +123,7 @@ def fit_slide_roll(t: Array, xy: Array, sigma: float, prior: ParameterPrior = WI
 
 
 def _starts(t: Array, xy: Array, mean: Array, sd: Array) -> list[Array]:
-    """Start values: no slide, and the two best of slides of several durations."""
+    """Start values: no slide, and the best two of several durations."""
     line = np.column_stack([np.ones_like(t), t])
     none = mean.copy()
     none[:2], none[2:4] = np.linalg.lstsq(line, xy, rcond=None)[0]
@@ -146,7 +146,7 @@ def _starts(t: Array, xy: Array, mean: Array, sd: Array) -> list[Array]:
 
 @dataclass(frozen=True)
 class SegmentMotion:
-    """A segment, the slide and roll at its beginning, and since when the ball rolls."""
+    """A segment, the slide and roll at its beginning, and the time from which the ball rolls."""
 
     segment: Segment
     fit: SlideRoll

@@ -4,11 +4,11 @@ In: windows of shots (sysid/estimation/windows.py), a model and its constants. O
 equations, and how far the model is off. chain_fit.py fits it.
 
 A model that is a little wrong at every impact is far off after a dozen: whole shots then have as many false optima as
-impacts, and say little about constants. Here every window has a state of its own. Where one ends and the next begins
-may differ by what the model lacks: by a share of the change of velocity at an impact (`Spread.impact`), beside a little
-for the cloth between. Samples may differ by an error that grows along the way (`Spread.path`). Both are estimated along
-with the constants. So each impact is judged by itself, at the spin that the impacts before it have left, and no error
-grows (H. G. Bock, 1983; the smoother of a state-space model with process noise).
+impacts, and say little about constants. Here every window has its own state. The end of one and the beginning of the
+next may differ by the model's error: a share of the change of velocity at an impact (`Spread.impact`), plus a little
+for the cloth between. Samples may differ by an error that grows along the path (`Spread.path`). Both are estimated
+together with the constants. So each impact is judged on its own, at the spin left by the impacts before it, and errors
+do not grow (H. G. Bock, 1983; the smoother of a state-space model with process noise).
 
 The normal equations of a shot are block tridiagonal; they are small, and solved densely. Initial states are eliminated
 as in solver/joint_fit.py, and steps damped likewise.
@@ -35,18 +35,18 @@ from sysid.estimation.solver.least_squares import Moves, batches, loss, weights
 from sysid.estimation.solver.normal_equations import NormalEquations, from_derivatives, from_differences
 from sysid.estimation.windows import Mask, Windows, columns
 
-PLACE_SD_M = 3e-4  # by which a window may begin elsewhere than the one before it ends
-MOTION_SD_M_S, MOTION_SHARE = 3e-3, 2e-3  # the same of velocity: at least, and of the speed, for the cloth
+PLACE_SD_M = 3e-4  # sd of the position gap between a window's end and the next one's beginning
+MOTION_SD_M_S, MOTION_SHARE = 3e-3, 2e-3  # sd of the velocity gap due to the cloth: least value, and share of the speed
 SPIN_OF_IMPULSE = 2.5  # change of R omega over that of velocity by a tangential impulse: radius^2 mass over inertia
 NO_STEPS = np.zeros(0)
-LEAST_SHARE, LEAST_INFORMATION = 1e-9, 1e-6  # added to the diagonal, where nothing tells of a state
+LEAST_SHARE, LEAST_INFORMATION = 1e-9, 1e-6  # added to the diagonal, so that undetermined states stay regular
 
 
 class Spread(NamedTuple):
-    """How far the model is off: what is unknown beside noise."""
+    """The model's error beyond noise, as standard deviations."""
 
     impact: float  # of the change of velocity at an impact
-    path: float  # error of a place per way from the beginning of its window
+    path: float  # error of a position per path length from the beginning of its window
 
 
 FIRST_SPREAD = Spread(0.05, 3e-3)
@@ -63,7 +63,7 @@ class Chain:
 
     @property
     def model(self) -> Model:
-        """What plays the windows."""
+        """The model that plays the windows."""
         return self.problem.model
 
     @property
@@ -72,20 +72,20 @@ class Chain:
         return self.problem.names
 
     def with_model(self, model: Model, names: tuple[str, ...]) -> Chain:
-        """The same windows, played by another model."""
+        """These windows, played by another model."""
         return dataclasses.replace(self, problem=self.problem.with_model(model, names))
 
     def with_spread(self, spread: Spread) -> Chain:
-        """The same, with other errors of the model."""
+        """This chain with other errors of the model."""
         return dataclasses.replace(self, spread=spread)
 
     def only(self, shots: Index) -> Chain:
-        """Some of the shots, in order."""
+        """The chain of some of the shots, in order."""
         return dataclasses.replace(self, problem=self.problem.only(shots), windows=self.windows.only(shots))
 
     @property
     def shared(self) -> SharedConstants:
-        """How the constants may move."""
+        """Steps, bounds and priors of the constants."""
         return shared_constants(self.model, self.names, self.problem.known)
 
     @cached_property
@@ -101,7 +101,7 @@ class Chain:
     def play(self, states: Array, c: Array, which: Index) -> tuple[Array, Array]:
         """Residuals (k, m) of windows over their standard deviations, and the states in which they end (k, p).
 
-        As many as the longest of these windows has, NaN beyond the others'.
+        Rows have the length of the longest of these windows; shorter ones are padded with NaN.
         """
         balls = self.windows.balls
         ends = np.full((len(states), balls, 7), np.nan)
@@ -115,11 +115,11 @@ class Chain:
         return r, out
 
     def evaluate(self, states: Array, c: Array, which: Index) -> Array:
-        """Residuals of windows alone: (k, m)."""
+        """Residuals of windows without the states in which they end: (k, m)."""
         return self.play(states, c, which)[0]
 
     def changes(self, states: Array) -> Array:
-        """Change of velocity of each ball in the windows that another follows: (k, b) [m/s]."""
+        """Change of velocity of each ball in the windows that have a successor: (k, b) [m/s]."""
         before, after = self.windows.following
         out = np.empty((len(before), self.windows.balls))
         for i in range(self.windows.balls):
@@ -133,7 +133,7 @@ class Chain:
         return out
 
     def gap_sd(self, states: Array) -> Array:
-        """By how much a window may begin elsewhere than the one before it ends: (k, p), inf where nothing is known."""
+        """Standard deviations of the gaps between windows: (k, p), inf if nothing is known."""
         before, after = self.windows.following
         change, out = self.changes(states), np.full((len(before), states.shape[1]), np.inf)
         for i in range(self.windows.balls):
@@ -148,7 +148,7 @@ class Chain:
         return np.where(self.windows.free[after], out, np.inf)
 
     def gaps(self, states: Array, ends: Array, sd: Array) -> Array:
-        """From the beginning of a window to the end of the one before it, over its sd: (k, p), NaN unknown."""
+        """Gaps from the beginning of a window to the end of the one before it, over their sd; NaN unknown: (k, p)."""
         before, after = self.windows.following
         return np.where(np.isfinite(sd), (ends[before] - states[after]) / sd, np.nan)
 
@@ -158,14 +158,14 @@ class Chain:
         return self.summed(states, loss(r, CAUCHY_SD), self.gaps(states, ends, sd))
 
     def summed(self, states: Array, of_samples: Array, z: Array) -> Array:
-        """Loss of every shot from those of its windows' samples and its gaps: (n,)."""
+        """Loss of every shot, as the sum over its windows' samples and gaps: (n,)."""
         each = of_samples + 0.5 * np.sum(self.windows.prior.residuals(states) ** 2, axis=1)
         each[self.windows.following[0]] += loss(z, CAUCHY_SD)
         return np.asarray(np.add.reduceat(each, np.flatnonzero(self.windows.first)))
 
 
 class Equations(NamedTuple):
-    """Normal equations of a shot: of its states (m,) that are free, and of constants (q,)."""
+    """Normal equations of a shot, in its free states (m,) and the constants (q,)."""
 
     free: Mask  # (windows, p) which they are
     states: Array  # (m, m)
@@ -175,13 +175,13 @@ class Equations(NamedTuple):
     constant_gradient: Array  # (q,)
 
     def solved(self, damping: float) -> Array:
-        """(m, q + 1): by how much states follow each constant, and the step to their own best, signs reversed."""
+        """Response of the states to each constant, and their own step, signs reversed: (m, q + 1)."""
         matrix = self.states + np.diag((damping + LEAST_SHARE) * np.diag(self.states) + LEAST_INFORMATION)
         return np.asarray(np.linalg.solve(matrix, np.column_stack([self.by_constant, self.state_gradient])), float)
 
 
 def limited_move(at: Array, forward: Array, backward: Array) -> Array:
-    """What a move forward (k, ...) gives, with no steeper a slope than one backward, and none if they differ in sign.
+    """Differences of a forward move (k, ...), limited by those of a backward one, and 0 if their signs differ.
 
     A slope limiter (minmod: P. L. Roe, Annual Review of Fluid Mechanics 18, 1986): where an impact comes or goes
     within a step, a difference over it is no derivative.
@@ -194,7 +194,7 @@ def limited_move(at: Array, forward: Array, backward: Array) -> Array:
 def _differences(
     chain: Chain, states: Array, c: Array, steps_c: Array, limited: bool
 ) -> tuple[NormalEquations, Array]:  # fmt: skip
-    """Normal equations of windows' samples alone, and ends (1 + k, w, p): first as they are, then their derivatives.
+    """Normal equations of windows' samples, and their ends with the k derivatives of these: (1 + k, w, p).
 
     By the states and constants (q,) of steps `steps_c`: k in all. `limited`: see `equations`.
     """
@@ -203,7 +203,7 @@ def _differences(
     k = len(steps)
     normal = NormalEquations(np.empty(count), np.empty((count, k, k)), np.empty((count, k)))
     ends = np.empty((1 + k, count, p))
-    inside = np.zeros(0, np.int64)  # constants that can be moved to both sides
+    inside = np.zeros(0, np.int64)  # constants that can move in both directions
     if limited:
         low, high = chain.shared.bounds.T
         inside = np.flatnonzero((c - steps_c >= low) & (c - steps_c <= high))
@@ -248,7 +248,7 @@ def equations(
 
 @dataclass(frozen=True)
 class Gaps:
-    """Between the end of each window and the state of the next: their residuals, and how these change."""
+    """Gaps between the end of each window and the state of the next: residuals and derivatives."""
 
     chain: Chain
     states: Array  # (w, p) of windows
@@ -258,7 +258,7 @@ class Gaps:
 
     @classmethod
     def of(cls, chain: Chain, states: Array, ends: Array, sd: Array) -> Gaps:
-        """From ends (1 + u, w, p) and their derivatives, and standard deviations (k, p)."""
+        """Gaps from ends with derivatives (1 + u, w, p) and standard deviations (k, p)."""
         by = np.where(np.isfinite(sd), 1 / sd, 0.0)
         return cls(chain, states, chain.gaps(states, ends[0], sd), by, ends[1:][:, chain.windows.following[0]] * by)
 
@@ -299,7 +299,7 @@ class Gaps:
 
 
 def reduced(shots: list[Equations]) -> tuple[list[Array], Array, Array]:
-    """Of each shot how its states follow, and with these eliminated its information (n, q, q) and gradient (n, q)."""
+    """Responses of each shot's states, and with these eliminated its information (n, q, q) and gradient (n, q)."""
     solved = [shot.solved(0.0) for shot in shots]
     information = np.array([s.constants - s.by_constant.T @ y[:, :-1] for s, y in zip(shots, solved, strict=True)])
     gradient = np.array([s.constant_gradient - s.by_constant.T @ y[:, -1] for s, y in zip(shots, solved, strict=True)])
@@ -307,7 +307,7 @@ def reduced(shots: list[Equations]) -> tuple[list[Array], Array, Array]:
 
 
 def likely_spread(chain: Chain, states: Array, c: Array) -> Spread:
-    """The most likely errors of the model beside noise, at these states and constants."""
+    """The most likely errors of the model beyond noise, at these states and constants."""
     w = chain.windows
     unweighted = dataclasses.replace(chain, spread=Spread(chain.spread.impact, 0.0))
     r, ends = unweighted.play(states, np.tile(c, (len(states), 1)), np.arange(len(states)))

@@ -1,8 +1,8 @@
-"""Normal equations of windows with hundreds of effects beside a fit, one parameter after the other.
+"""Normal equations of windows for a fit and hundreds of candidate effects, one parameter after the other.
 
-In: a chain (chain.py) at its fit, and effects that it lacks. Out: what its shots, or all of them together, tell of
-constants and parameters. The matrices of thousands of parameters are large, so that they are summed as they come: never
-is there one for each window.
+In: a fitted chain (chain.py), and effects that it lacks. Out: information and gradient of constants and parameters, for
+each shot or all together. The matrices of thousands of parameters are large, so they are summed as they come, and are
+never held for each window.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from sysid.estimation.windows import Mask
 
 
 class Beside(NamedTuple):
-    """Parameters of a further effect that windows are played with, one after the other, by a probe each."""
+    """Parameters of a candidate effect, each probed by a finite difference."""
 
-    chain: Chain  # its constants: those of the fit, then these
+    chain: Chain  # its constants are those of the fit, followed by these
     off: Array  # (j,) values at which the effect does nothing
-    probe: Array  # (j,) change of each, which is then its unit
-    impacts: tuple[str, ...] | None = None  # "ball", "cushion": where alone the effect acts; None for elsewhere as well
+    probe: Array  # (j,) finite change of each, which serves as its unit
+    impacts: tuple[str, ...] | None = None  # "ball", "cushion": impacts at which alone it acts; None: elsewhere too
 
 
 def _derivatives(moved: Array, at: Array, steps: Array) -> Array:
-    """Finite derivatives (k, n, m) from residuals (k, n, m) that were moved by steps (k,) from those at a point."""
+    """Finite differences (k, n, m) of residuals (k, n, m) moved by steps (k,) from those at a point."""
     found = moved - at
     found /= steps[:, None, None]
     return np.nan_to_num(found, copy=False)
 
 
 def _meetings(chain: Chain, rows: Array, last: Array, first: int) -> dict[str, Mask]:
-    """In which windows a ball meets another one, or a cushion: where a change of that restitution changes anything.
+    """Windows in which balls meet, or meet a cushion: those that a change of that restitution affects.
 
     `rows` and `last` are residuals and ends, of windows as they are and with each unknown moved; that of the first
-    constant is `first`. Nothing is said of what has a restitution that is not fitted.
+    constant is `first`. Kinds of impacts whose restitution is not fitted are left out.
     """
     found = {}
     for kind in ("ball", "cushion"):
@@ -55,7 +55,7 @@ def _played_beside(
 ) -> tuple[Array, Array]:
     """Residuals (j, w, m) and ends (j, w, p) of windows with each parameter of an effect moved.
 
-    Those in which nothing is met where it acts are as they were.
+    Windows without an impact at which it acts are unchanged.
     """
     more, some = one.off.size, np.arange(len(which))
     if one.impacts is not None and all(kind in meetings for kind in one.impacts):
@@ -74,9 +74,9 @@ def _played_beside(
 def information_beside(
     chain: Chain, states: Array, c: Array, sd: Array, steps_c: Array, beside: Sequence[Beside], *, together: bool
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Information (n, u, u) and gradient (n, u) of constants, then of effects beside; and their information (u,) alone.
+    """Information (n, u, u) and gradient (n, u) of constants and candidate effects, and the diagonal information (u,).
 
-    Of each shot, its states eliminated, or `together` with n = 1. The last is of all shots, with states held.
+    For each shot with its states eliminated, or `together` with n = 1. The diagonal is of all shots, with states held.
 
     Args:
         chain: the windows.
@@ -84,8 +84,8 @@ def information_beside(
         c: (q,) constants.
         sd: (k, p) of the gaps.
         steps_c: (q,) finite differences of the constants.
-        beside: further effects, whose parameters count as constants after these.
-        together: whether all shots are one.
+        beside: candidate effects, whose parameters follow the constants.
+        together: whether to sum over all shots.
     """
     w, (count, p) = chain.windows, states.shape
     own = np.concatenate([w.steps, steps_c])

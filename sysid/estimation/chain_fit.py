@@ -22,7 +22,7 @@ from sysid.estimation.solver.least_squares import Prior
 from sysid.estimation.windows import Mask
 
 FIRST_DAMPING, MIN_DAMPING, MAX_ATTEMPTS = 1e-3, 1e-7, 5
-NEGLIGIBLE_STEP_SD = 0.25  # of a standard deviation: a remaining step that is too small to matter
+NEGLIGIBLE_STEP_SD = 0.25  # remaining step that is too small to matter, in standard deviations
 TOLERANCE = 1e-4  # share of the loss by which a step must lower it for another to be taken
 log = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ def _settled(chain: Chain, states: Array, c: Array, steps: int, sd: Array) -> Ar
 def _lowered(
     chain: Chain, states: Array, c: Array, sd: Array, cost: Array, shots: list[Equations], damping: Array, active: Mask
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """States after a step of each shot that lowers its loss, those losses, and the dampings (n,) that it took."""
+    """States after a step that lowers the loss of each shot, the losses (n,) and the dampings (n,) used."""
     todo, found, damping = active.copy(), states.copy(), damping.copy()
     for _ in range(MAX_ATTEMPTS):
         trial = states.copy()
@@ -86,47 +86,47 @@ def _move(states: Array, run: Index, shot: Equations, by: Array) -> None:
 
 @dataclass(frozen=True)
 class ChainFit:
-    """Constants and states of windows at their best."""
+    """Fitted constants and states of windows."""
 
     chain: Chain
     states: Array  # (w, p)
     constants: Array  # (q,)
     losses: Array  # (n,) of shots
-    information: Array  # (n, q, q) of each shot on the constants, its states eliminated
+    information: Array  # (n, q, q) of each shot about the constants, with its states eliminated
     gradient: Array  # (n, q)
-    step: Array  # (q,) that remains to the optimum, its sign reversed
+    step: Array  # (q,) remaining step to the optimum, its sign reversed
 
     @property
     def design_effect(self) -> float:
-        """By how much less shots tell than as many independent residuals, see `design_effect`."""
+        """The factor by which shots are less informative than as many independent residuals, see `design_effect`."""
         return design_effect(self.information, self.gradient)
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the constants over shots (q, q), with what is known beside them and the step that remains."""
+        """Covariance of the constants (q, q) from the scatter over shots, their priors, and the remaining step."""
         return self._over_shots + np.outer(self.step, self.step)
 
     @property
     def converged(self) -> bool:
-        """Whether the step that remains, which the covariance holds, moves no constant by a standard deviation.
+        """Whether the remaining step moves no constant by a standard deviation; the covariance includes that step.
 
-        A rough loss has optima from which no step leads down, though a little is left to go.
+        A rough loss has optima from which no step leads down, although a better point is near.
         """
         return is_within(self.step, self._over_shots)
 
     @property
     def _over_shots(self) -> Array:
-        """The covariance without that step: a rough loss has many optima, by which halves of the shots differ."""
+        """The covariance without that step, to compare halves of the shots: a rough loss has many optima."""
         shared = self.chain.shared
         sd = shared.prior(self.constants).sd
         known = np.where(sd < shared.width, 1 / sd**2, 0.0)
-        # Each shot tells less by the roughness, and its gradients scatter by as much more than that says.
+        # Roughness reduces the information of each shot, and its gradients scatter more by the same factor.
         rough = self.chain.roughness
         return covariance(self.information / rough, self.gradient / math.sqrt(rough), shared.width, known)
 
 
 def fit_chain(chain: Chain, states: Array, c: Array, steps: int, what: str) -> ChainFit:
-    """Constants (q,) and states (w, p) of windows from nearly right ones."""
+    """Fit constants (q,) and states (w, p) of windows, from nearly right ones."""
     shared, sd = chain.shared, chain.gap_sd(states)
 
     def work() -> tuple[Array, ...]:
@@ -155,7 +155,7 @@ def _newton(
 
 
 def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, what: str) -> tuple[Array, Array]:
-    """States and constants of less loss, until a step of the constants would be negligible."""
+    """Lower the loss by steps of states and constants, until a step of the constants would be negligible."""
     shared, damping = chain.shared, FIRST_DAMPING
     low, high = shared.bounds.T
     prior = shared.prior(c)
@@ -185,25 +185,25 @@ def _minimised(chain: Chain, states: Array, c: Array, sd: Array, steps: int, wha
         else:
             break
         states, c, damping = trial, new, max(damping / 10, MIN_DAMPING)
-        # The loss is a parabola of the distance: what so small a distance gains is no reason for another step.
+        # The loss is a parabola of the distance, so that so small a distance gains too little for another step.
         if gain < 0.5 * NEGLIGIBLE_STEP_SD**2 * _count_as_one(chain, information, gradient):
             break
     return states, c
 
 
 def _distance(chain: Chain, step: Array, information: Array, gradient: Array) -> float:
-    """How far a step of the constants goes, all together [standard deviations over shots]."""
-    told = float(gradient.sum(axis=0) @ step) / _count_as_one(chain, information, gradient)
-    return math.sqrt(max(told, 0.0))
+    """Length of a step of the constants [standard deviations over shots]."""
+    squared_sd = float(gradient.sum(axis=0) @ step) / _count_as_one(chain, information, gradient)
+    return math.sqrt(max(squared_sd, 0.0))
 
 
 def _count_as_one(chain: Chain, information: Array, gradient: Array) -> float:
-    """How much of twice the loss tells as much as an independent residual's."""
+    """Share of twice the loss that is equivalent to one independent residual."""
     return design_effect(information, gradient) * chain.roughness
 
 
 def design_effect(information: Array, gradient: Array) -> float:
-    """How much gradients (n, q) of shots scatter beyond what their information (n, q, q) says: 1 at least."""
+    """Scatter of the shots' gradients (n, q) over that expected from their information (n, q, q); at least 1."""
     total, scatter = information.sum(axis=0), gradient.T @ gradient
     scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
     inverse = np.linalg.pinv(total / np.outer(scale, scale), hermitian=True)

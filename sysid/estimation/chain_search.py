@@ -2,8 +2,8 @@
 
 In: a `Chain` and constants. Out: states of its windows, or of its shots.
 
-Each window begins where the one before it ends. Where that does not lead to its samples, other starts are drawn: what a
-ball's spin is shows at its next impact only.
+Each window begins where the one before it ends. If that does not lead to its samples, other starts are drawn, because
+a ball's spin shows only at its next impact.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.residual_rows import MOTION_SIZE
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.least_squares import Objective, Prior, fit_each, loss
-from sysid.estimation.state_search import EFFORTS, searched_states, standing_out
+from sysid.estimation.state_search import SEARCH_EFFORTS, searched_states, standing_out
 from sysid.estimation.windows import columns, shot_states, windows_of
 
-SEARCHES = 3  # at most, of the states of all windows
-SAME_LOSS = 1.0  # of a shot, within which two searches have found the same
-DRAWS = 8  # of other starts about each of two, in windows that are not followed
-SPIN_SD, VELOCITY_SD = 0.5, 0.03  # of R omega and of velocity in these, over the speed
-SEEN_M, SEEN_SHARE, SEEN_M_S, SEEN_SPIN_M_S = 5e-3, 0.1, 0.05, 0.1  # how well place and motion are seen, no more known
-FIRST_STEPS, DRAWN_STEPS, WINDOW_STEPS = 5, 4, 10  # of states: of a window at first, of a draw, of all windows together
-FIRST_SHOT_SD_M_S = 10.0  # of what nothing is known in the first window
-HELD_SD = 1e-9  # of what is no unknown
-SETTLING_STEPS = 8  # of the states of whole shots
+MAX_SEARCHES = 3  # searches of the states of all windows, at most
+SAME_LOSS = 1.0  # difference of a shot's loss within which two searches have found the same states
+DRAWS_PER_CENTRE = 8  # other starts around each of two centres, in windows that are not followed
+SPIN_SD, VELOCITY_SD = 0.5, 0.03  # sd of R omega and of velocity in these, over the speed
+SEEN_M, SEEN_SHARE, SEEN_M_S, SEEN_SPIN_M_S = 5e-3, 0.1, 0.05, 0.1  # sd of position and motion from the samples alone
+FIRST_STEPS, DRAWN_STEPS, WINDOW_STEPS = 5, 4, 10  # iterations for a window at first, a draw, all windows
+FIRST_SHOT_SD_M_S = 10.0  # sd of what is unknown in the first window
+HELD_SD = 1e-9  # sd of what is not an unknown
+SETTLING_STEPS = 8  # iterations of the states of whole shots
 log = logging.getLogger(__name__)
 
 
-def searched_windows(chain: Chain, c: Array, known: Array | None = None, searches: int = SEARCHES) -> Array:
-    """States of windows (w, p) at constants (q,): of several searches the best of each shot.
+def searched_windows(chain: Chain, c: Array, known: Array | None = None, searches: int = MAX_SEARCHES) -> Array:
+    """States of windows (w, p) at constants (q,): for each shot the best of several searches.
 
     A shot is searched again until its best states have been found twice (multistart: C. G. E. Boender and A. H. G.
     Rinnooy Kan, Mathematical Programming 37, 1987).
@@ -48,8 +48,8 @@ def searched_windows(chain: Chain, c: Array, known: Array | None = None, searche
     Args:
         chain: the windows.
         c: constants.
-        known: (w, p) states that are nearly right, which count as found once.
-        searches: at most.
+        known: (w, p) nearly right states, which count as found once.
+        searches: largest number of searches.
     """
     shot = chain.windows.shot
     sd = chain.gap_sd(chain.windows.start)
@@ -73,12 +73,12 @@ def searched_windows(chain: Chain, c: Array, known: Array | None = None, searche
 def _searched_once(chain: Chain, c: Array, seed: int) -> Array:
     """States of windows (w, p), one after the other from the first of each shot.
 
-    A window begins where the one before it ends. Where that does not lead to its samples, starts are drawn, half of
-    them about that end and half about what was seen there, as if nothing were known from before: what the window
-    before it has left may be wrong. The likelier one stays, by samples and gap.
+    A window begins where the one before it ends. If that does not lead to its samples, starts are drawn, half of them
+    around that end and half around the observed motion, since the state left by the window before may be wrong. The
+    likelier one is kept, by samples and gap.
     """
     w = chain.windows
-    states, told, seen = w.start.copy(), _Start.nothing(w.start.shape), _Start.nothing(w.start.shape)
+    states, predicted, observed = w.start.copy(), _Start.nothing(w.start.shape), _Start.nothing(w.start.shape)
     _, after = w.following
     gap = np.full(states.shape, np.inf)
     gap[after] = chain.gap_sd(states)
@@ -87,22 +87,22 @@ def _searched_once(chain: Chain, c: Array, seed: int) -> Array:
     for d in range(int(depth.max()) + 1):
         now = np.flatnonzero(depth == d)
         for window in now.tolist():
-            _begin(chain, window, ends, gap, told, seen)
-        x, _ = fit_each(told.objective(chain), told.at[now], c, FIRST_STEPS, now)
+            _begin(chain, window, ends, gap, predicted, observed)
+        x, _ = fit_each(predicted.objective(chain), predicted.at[now], c, FIRST_STEPS, now)
         odd = _not_followed(chain, x, c, now)
         if odd.size:
             which = now[odd]
-            found, cost = x[odd], told.costs(chain, x[odd], c, which)
-            for number, about in enumerate((told, seen)):
-                many = np.repeat(which, DRAWS)
+            found, cost = x[odd], predicted.costs(chain, x[odd], c, which)
+            for number, about in enumerate((predicted, observed)):
+                many = np.repeat(which, DRAWS_PER_CENTRE)
                 other, _ = fit_each(
                     about.objective(chain), _drawn(chain, about.at, which, 2 * seed + number), c, DRAWN_STEPS, many
                 )
-                there = told.costs(chain, other, c, many).reshape(odd.size, DRAWS)
+                there = predicted.costs(chain, other, c, many).reshape(odd.size, DRAWS_PER_CENTRE)
                 best = np.argmin(there, axis=1)
                 least = there[np.arange(odd.size), best]
                 better = least < cost
-                found[better] = other.reshape(odd.size, DRAWS, -1)[np.arange(odd.size), best][better]
+                found[better] = other.reshape(odd.size, DRAWS_PER_CENTRE, -1)[np.arange(odd.size), best][better]
                 cost = np.minimum(cost, least)
             x[odd] = found
         states[now] = x
@@ -112,7 +112,7 @@ def _searched_once(chain: Chain, c: Array, seed: int) -> Array:
 
 @dataclass(frozen=True)
 class _Start:
-    """What is known of where windows begin, filled from one to the next."""
+    """Prior knowledge of the states in which windows begin, filled from one to the next."""
 
     at: Array  # (w, p) where a fit of each begins
     mean: Array  # (w, p)
@@ -120,52 +120,53 @@ class _Start:
 
     @classmethod
     def nothing(cls, shape: tuple[int, ...]) -> _Start:
-        """Of no window yet."""
+        """A start without knowledge of any window."""
         return cls(np.zeros(shape), np.zeros(shape), np.full(shape, HELD_SD))
 
     def objective(self, chain: Chain) -> Objective:
-        """That of windows one by one, each with this beside its samples."""
+        """The objective of single windows, with this knowledge as their prior."""
         return Objective(
             chain.evaluate, chain.windows.steps, Prior(self.mean, self.sd), CAUCHY_SD,
             lengths=chain.windows.lengths, free=chain.windows.free,
         )  # fmt: skip
 
     def costs(self, chain: Chain, x: Array, c: Array, which: Index) -> Array:
-        """Losses of windows (k,) at states (k, p): of samples, and of the gap to what is known."""
+        """Losses of windows (k,) at states (k, p): of the samples and of the prior."""
         gap = (x - self.mean[which]) / self.sd[which]
         return loss(chain.evaluate(x, np.tile(c, (len(x), 1)), which), CAUCHY_SD) + loss(gap, CAUCHY_SD)
 
 
-def _begin(chain: Chain, window: int, ends: Array, gap: Array, told: _Start, seen: _Start) -> None:
-    """What is known of a window from the one before it, and from what is seen where it begins; filled in place."""
+def _begin(chain: Chain, window: int, ends: Array, gap: Array, predicted: _Start, observed: _Start) -> None:
+    """Fill in the prior of a window, from the window before it and from its first samples; in place."""
     w = chain.windows
     free, start = w.free[window], w.start[window]
-    seen.at[window] = seen.mean[window] = told.at[window] = told.mean[window] = start
+    observed.at[window] = observed.mean[window] = predicted.at[window] = predicted.mean[window] = start
     if w.first[window]:
         prior = w.prior.sd[window]
         known = np.isfinite(prior)
-        told.mean[window, known] = seen.mean[window, known] = w.prior.mean[window, known]
-        told.sd[window] = seen.sd[window] = np.where(free, np.where(known, prior, FIRST_SHOT_SD_M_S), HELD_SD)
+        predicted.mean[window, known] = observed.mean[window, known] = w.prior.mean[window, known]
+        predicted.sd[window] = observed.sd[window] = np.where(free, np.where(known, prior, FIRST_SHOT_SD_M_S), HELD_SD)
         return
     end = ends[window - 1]
     known = free & np.isfinite(end) & np.isfinite(gap[window])
-    told.mean[window] = np.where(known, end, start)
-    told.at[window] = told.mean[window]
-    told.sd[window] = np.where(known, gap[window], np.where(free, 1.0, HELD_SD))
+    predicted.mean[window] = np.where(known, end, start)
+    predicted.at[window] = predicted.mean[window]
+    predicted.sd[window] = np.where(known, gap[window], np.where(free, 1.0, HELD_SD))
     for i in range(w.balls):
         place, motion = columns(i, w.balls)
         if not w.moving[window, i]:
-            seen.mean[window, place], seen.sd[window, place] = told.mean[window, place], told.sd[window, place]
-            seen.at[window, place] = told.at[window, place]
+            observed.mean[window, place] = predicted.mean[window, place]
+            observed.sd[window, place] = predicted.sd[window, place]
+            observed.at[window, place] = predicted.at[window, place]
             continue
         speed = float(np.hypot(*start[motion[:2]]))
-        told.at[window, place], told.at[window, motion[:2]] = start[place], start[motion[:2]]
-        seen.sd[window, place], seen.sd[window, motion[:2]] = SEEN_M, SEEN_SHARE * speed + SEEN_M_S
-        seen.sd[window, motion[2:]] = speed + SEEN_SPIN_M_S
+        predicted.at[window, place], predicted.at[window, motion[:2]] = start[place], start[motion[:2]]
+        observed.sd[window, place], observed.sd[window, motion[:2]] = SEEN_M, SEEN_SHARE * speed + SEEN_M_S
+        observed.sd[window, motion[2:]] = speed + SEEN_SPIN_M_S
 
 
 def _not_followed(chain: Chain, x: Array, c: Array, which: Index) -> Index:
-    """Rows of windows whose samples are missed by more than chance."""
+    """Rows of windows that miss their samples by more than chance explains."""
     r = chain.evaluate(x, np.tile(c, (len(x), 1)), which)
     count = np.isfinite(r).sum(axis=1)
     square = np.nansum(np.minimum(r**2, CAUCHY_SD**2), axis=1)
@@ -173,14 +174,14 @@ def _not_followed(chain: Chain, x: Array, c: Array, which: Index) -> Index:
 
 
 def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
-    """Starts of windows with other spins, and velocities a little different: (len(windows) * DRAWS, p)."""
+    """Starts of windows with other spins and slightly different velocities: (len(windows) * DRAWS_PER_CENTRE, p)."""
     w = chain.windows
-    normal = ndtri(qmc.Sobol(MOTION_SIZE * w.balls, seed=seed).random(DRAWS))
-    out = np.repeat(states[windows], DRAWS, axis=0)
+    normal = ndtri(qmc.Sobol(MOTION_SIZE * w.balls, seed=seed).random(DRAWS_PER_CENTRE))
+    out = np.repeat(states[windows], DRAWS_PER_CENTRE, axis=0)
     share = np.array([VELOCITY_SD, VELOCITY_SD, SPIN_SD, SPIN_SD, SPIN_SD])
     for i in range(w.balls):
         motion = columns(i, w.balls)[1]
-        speed = np.hypot(*out[:, motion[:2]].T) * np.repeat(w.moving[windows, i], DRAWS)
+        speed = np.hypot(*out[:, motion[:2]].T) * np.repeat(w.moving[windows, i], DRAWS_PER_CENTRE)
         drawn = np.tile(normal[:, MOTION_SIZE * i : MOTION_SIZE * (i + 1)], (len(windows), 1))
         out[:, motion] += share * speed[:, None] * drawn
     return out
@@ -189,29 +190,29 @@ def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
 def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
     """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
-    Those that miss by more than noise are searched from event to event as well (sysid/estimation/state_search.py),
-    those that stand out then with more effort; every shot has the most likely.
+    Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py), and
+    those that still stand out with more effort; each shot keeps its most likely state.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
     )
     score, own = shot_scores(problem, x, c)
-    for effort in EFFORTS:
+    for effort in SEARCH_EFFORTS:
         typical = float(np.median(own))
-        seen = problem.with_discrepancy(typical)
-        rows = standing_out(seen, x, c) if effort > 1 else np.flatnonzero(own > 0)
-        if not rows.size or rows.size * effort > max(len(x), EFFORTS[-1]):
+        weighted = problem.with_discrepancy(typical)
+        rows = standing_out(weighted, x, c) if effort > 1 else np.flatnonzero(own > 0)
+        if not rows.size or rows.size * effort > max(len(x), SEARCH_EFFORTS[-1]):
             continue
         other = x.copy()
-        other[rows] = searched_states(seen.only(rows), c, effort)
+        other[rows] = searched_states(weighted.only(rows), c, effort)
         x, score, own = _better(problem, x, score, own, other, c)
     return x
 
 
 def found_states(problem: ShotProblem, c: Array) -> Array:
-    """Initial states of shots (n, p) at constants (q,), from nothing.
+    """Initial states of shots (n, p) at constants (q,), without start values.
 
-    The event engine plays them on the way; a model that it does not play has them searched from event to event.
+    The search uses the event engine; a model that it cannot play is searched from event to event.
     """
     if lacking(problem.model):
         x = searched_states(problem.with_discrepancy(GROWING_RATE), c)
@@ -229,9 +230,9 @@ def _first_states(chain: Chain, states: Array, problem: ShotProblem) -> Array:
 def _better(
     problem: ShotProblem, x: Array, score: Array, own: Array, other: Array, c: Array
 ) -> tuple[Array, Array, Array]:
-    """Of two initial states of each shot the more likely, polished at its own discrepancy; likelihoods and rates."""
-    seen = problem.with_discrepancy(float(np.median(own)))
-    other = fit_states(seen, other, c, SETTLING_STEPS)
+    """The more likely of two initial states of each shot, refined at its own discrepancy; likelihoods and rates."""
+    weighted = problem.with_discrepancy(float(np.median(own)))
+    other = fit_states(weighted, other, c, SETTLING_STEPS)
     there, rates = shot_scores(problem, other, c)
     other = fit_states(problem.with_own_rates(rates).with_discrepancy(0.0), other, c, SETTLING_STEPS)
     there, rates = shot_scores(problem, other, c)

@@ -1,4 +1,4 @@
-"""A model fitted to a clip set, whole shots from nothing: `sysid fit`.
+"""A model fitted to a clip set without start values: `sysid fit`.
 
 In: a clip set and a model. Out: a `ClipFit`: the model with its constants and their uncertainty, and the split.
 
@@ -49,7 +49,7 @@ class ClipFit:
         return {n: (values[n], sd if self.converged else math.nan) for n, sd in self.fitted.sds.items()}
 
     def without_clips(self) -> Self:
-        """Its figures alone, without the shots that were fitted: of thousands of clips those take much memory."""
+        """The figures of the fit without its shots, which take much memory for thousands of clips."""
         none = np.zeros(0, np.int64)
         fitted = dataclasses.replace(
             self.fitted, problem=self.fitted.problem.only(none), initial_states=self.fitted.initial_states[:0],

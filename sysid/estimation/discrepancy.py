@@ -16,10 +16,10 @@ from sysid.clips import Clip, ClipSet
 from sysid.clips.segments import event_times
 from sysid.estimation.problem import CAUCHY_SD, Array
 
-SHARE_BEFORE_FIRST_EVENT = 0.1  # of the path there that counts
+SHARE_BEFORE_FIRST_EVENT = 0.1  # share with which the path before the first event counts
 MOVED_M = 0.02  # a ball with a shorter path was not set moving
-MAX_RATE, MAX_BISECTIONS = 1.0, 40  # of the search for a rate
-MIN_RATE = 1e-9  # below which it is 0
+MAX_RATE, MAX_BISECTIONS = 1.0, 40  # limits of the search for a rate
+MIN_RATE = 1e-9  # smaller rates are 0
 
 
 def path_lengths(clip: Clip, first: float) -> dict[str, Array]:
@@ -89,7 +89,7 @@ def likely_rate(residual: Array, path: Array, noise: float) -> float:
     square, length = residual[use] ** 2, path[use] ** 2
 
     def slope(rate: float) -> float:
-        """Of the log likelihood over the variance rate^2, twice."""
+        """Twice the derivative of the log likelihood by the variance rate^2."""
         variance = noise**2 + rate**2 * length
         counted = square / (variance + square / CAUCHY_SD**2)
         return float(np.sum((counted - 1) * length / variance))

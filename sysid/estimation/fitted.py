@@ -46,7 +46,7 @@ class Point:
         return self.problem.with_discrepancy(self.discrepancy_rate)
 
     def residuals(self, problem: ShotProblem | None = None) -> Array:
-        """(n, m), of this problem or of the same one with other standard deviations."""
+        """Residuals (n, m), of this problem or of the same one with other standard deviations."""
         n = len(self.initial_states)
         at = problem or self.problem
         return at.evaluate(self.initial_states, np.tile(self.constants, (n, 1)), np.arange(n))
@@ -54,7 +54,7 @@ class Point:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A model on clips that it was not fitted to: only their initial states are."""
+    """A model on held-out clips: only their initial states are fitted."""
 
     initial_states: Array  # (n, p)
     rms: float  # per axis [m]
@@ -64,9 +64,9 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class FittedModel(Point):
-    """A model at its best on clips."""
+    """A model fitted to clips."""
 
-    covariance: Array  # (q, q) of the constants; NaN where the clips do not determine them
+    covariance: Array  # (q, q) of the constants; NaN if the clips do not determine them
     converged: bool
     rms: float  # of the clips, per axis [m]
     chi2: float  # reduced
@@ -84,7 +84,7 @@ class FittedModel(Point):
 
     @property
     def held_miss(self) -> float:
-        """The same in the held-out clips [m]; NaN without any."""
+        """Rms distance in the held-out clips [m]; NaN without any."""
         return MISS_OVER_AXIS * self.held_rms
 
     @property
@@ -103,10 +103,10 @@ def as_model(found: FittedModel, command: str, files: Sequence[str], more: Mappi
     A constant that the clips do not determine keeps its value from before the fit.
 
     Args:
-        found: the fit; of what it fitted, only what its model's effects have is written.
+        found: the fit; only constants of its model's effects are written.
         command: that made the fit.
         files: of the clips that gave the constants.
-        more: entries of the file's [fitted] beside the usual ones.
+        more: additional entries of the file's [fitted].
     """
     model = found.problem.model
     rows = [k for k, name in enumerate(found.names) if name in model.parameters()]

@@ -2,9 +2,9 @@
 
 In: a `Point`: a problem with values for its unknowns (from_nothing.py finds the first). Out: a `FittedModel`.
 
-How much a shot counts follows from its own discrepancy: one that the model does not follow, or that sits in a false
-optimum, pulls the constants little. So constants, discrepancies and, of shots that miss by more than noise, searched
-initial states are found in turn until their likelihood stays.
+A shot's weight follows from its own discrepancy: one that the model does not follow, or that is in a false optimum,
+hardly affects the constants. Constants, discrepancies and, for shots that miss by more than noise, searched initial
+states are therefore found in turn until their likelihood stays.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from sysid.estimation.initial_states import fit_states, shot_losses, shot_scores
 from sysid.estimation.problem import Array, shared_constants
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint, reduced_system
-from sysid.estimation.state_search import BETTER_LOSS, EFFORTS, searched_states
+from sysid.estimation.state_search import BETTER_LOSS, SEARCH_EFFORTS, searched_states
 
-CLOSE_RATE = 3e-4  # discrepancy rate up to which the last digit of constants matters
-MAX_ROUNDS = 20  # of reweighing and searching
+CLOSE_RATE = 3e-4  # largest discrepancy rate at which the last digit of constants matters
+MAX_ROUNDS = 20  # rounds of reweighting and searching
 FINE_FIT = StoppingRule(15, 1e-6)
 COARSE_FIT = StoppingRule(10, 1e-4)
 SHORT_FIT = StoppingRule(4, 1e-5)
-HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # of initial states, where the model follows its clips, or not
-SETTLING_STEPS = 20  # of a shot that was searched anew
+HELD_OUT_STEPS, HELD_OUT_STEPS_UNFOLLOWED = 40, 8  # iterations, if the model follows its clips, or does not
+SETTLING_STEPS = 20  # iterations of a shot that was searched again
 log = logging.getLogger(__name__)
 
 
 def fit(start: Point, what: str = "", searching: bool = True) -> FittedModel:
-    """Constants and initial states from a start that is nearly right.
+    """Fit constants and initial states from a start that is nearly right.
 
-    Each shot counts as much as its own discrepancy lets it, so that those that are followed lead to where all are.
-    Where most are not followed in the end, the model lacks something in all of them, and they count alike.
+    Each shot is weighted by its own discrepancy, so that shots that are followed guide the constants. If most are not
+    followed in the end, the model lacks something in all of them, and they get equal weights.
 
     Args:
-        start: a problem, and where another fit has arrived or a candidate is expected.
-        what: is fitted, for the log.
-        searching: whether shots that miss by more than most are searched for where they began.
+        start: a problem, with the values of another fit or those expected of a candidate.
+        what: name of the fit, for the log.
+        searching: whether to search initial states again for shots that miss by more than most.
     """
     found = _in_turn(start, what, searching)
     if found.discrepancy_rate > CLOSE_RATE:
@@ -48,20 +48,20 @@ def fit(start: Point, what: str = "", searching: bool = True) -> FittedModel:
 
 
 def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> FittedModel:
-    """Constants, discrepancies and initial states, found in turn until their likelihood stays.
+    """Fit constants, discrepancies and initial states in turn until their likelihood stays.
 
-    Shots count by their own discrepancies, or `alike` by that of the middle one. If `searches`, those that miss by more
-    than noise, and than most shots do, are searched again at the new constants, as long as that finds where they began;
-    where they are few, with more and more effort, up to the work of searching all. A model that does not follow the
-    shots is fitted coarsely: what it lacks moves its constants by more.
+    Shots are weighted by their own discrepancies, or `alike` by the median one. With `searches`, shots that miss by
+    more than noise, and by more than most shots, are searched again at the new constants, as long as that helps; if
+    they are few, with increasing effort, up to the work of searching all. A model that does not follow the shots is
+    fitted coarsely, since its own errors move its constants by more.
     """
     problem, x, c = start.problem, start.initial_states, start.constants
     tolerated, effort, searching, best = GROWING_RATE, 0, searches, np.inf
-    usual = start.discrepancy_rate
+    usual, last_effort = start.discrepancy_rate, len(SEARCH_EFFORTS) - 1
     for _ in range(MAX_ROUNDS):
         elsewhere = 0
         if searching:
-            x, elsewhere = _searched(problem, x, c, tolerated, EFFORTS[effort], usual)
+            x, elsewhere = _searched(problem, x, c, tolerated, SEARCH_EFFORTS[effort], usual)
         _, own = shot_scores(problem, x, c)
         tolerated = usual = float(np.median(own))
         problem = problem.with_own_rates(np.zeros_like(own) if alike else own)
@@ -69,13 +69,13 @@ def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> Fi
         found = _solve(problem.with_discrepancy(tolerated), x, c, rule, what)
         x, c = found.initial_states, found.constants
         score = float(shot_scores(problem, x, c)[0].sum())
-        log.info("%s: negative log likelihood %.1f, %d shots began elsewhere", what, score, elsewhere)
+        log.info("%s: negative log likelihood %.1f, %d shots with new initial states", what, score, elsewhere)
         improved, best = score < best - BETTER_LOSS, min(score, best)
         if improved:
             searching = elsewhere > 0
         elif searches and not searching:
             searching = True
-        elif searches and effort + 1 < len(EFFORTS) and 0 < EFFORTS[effort + 1] * np.count_nonzero(own) <= len(x):
+        elif searches and effort < last_effort and 0 < SEARCH_EFFORTS[effort + 1] * np.count_nonzero(own) <= len(x):
             effort += 1
         else:
             break
@@ -85,15 +85,15 @@ def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> Fi
 def _searched(
     problem: ShotProblem, x: Array, c: Array, tolerated: float, effort: int, usual: float
 ) -> tuple[Array, int]:
-    """Initial states (n, p), those of shots that miss by more than usual searched anew; how many began elsewhere.
+    """Initial states (n, p), searched again for shots that miss by more than usual, and how many of them changed.
 
     Args:
         problem: the shots.
         x: (n, p) initial states.
         c: constants.
-        tolerated: discrepancy rate in the search.
+        tolerated: discrepancy rate that the search tolerates.
         effort: of the search.
-        usual: discrepancy rate beside which only more is a miss.
+        usual: discrepancy rate that only worse shots exceed.
     """
     bare = problem.with_own_rates(np.zeros(len(x)))
     odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(usual), x, c), problem.correlation_time))
@@ -131,38 +131,39 @@ def few_steps(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array, f
 
 
 def fit_held_out(found: FittedModel, problem: ShotProblem, before: Array, searching: bool = True) -> HeldOut:
-    """The initial states of held-out clips at the constants of a fit, and the remaining error.
+    """Fit the initial states of held-out clips at the constants of a fit; returns the remaining error.
 
     Args:
         found: the fit.
         problem: the clips; its model and constants are replaced.
-        before: (n, p) initial states that are nearly right.
+        before: (n, p) nearly right initial states.
         searching: see `fit`.
     """
     problem, c = problem.with_model(found.problem.model, found.names), found.constants
-    # A model that does not follow its training clips need not be fitted finely to others.
+    # A model that does not follow its training clips needs no fine fit to others.
     steps = HELD_OUT_STEPS if found.discrepancy_rate < UNFOLLOWED_RATE else HELD_OUT_STEPS_UNFOLLOWED
-    seen = problem.with_discrepancy(found.discrepancy_rate)
-    x = fit_states(seen, before, c, steps)
+    weighted = problem.with_discrepancy(found.discrepancy_rate)
+    x = fit_states(weighted, before, c, steps)
     if searching:
-        x, _ = _searched(seen, x, c, max(found.discrepancy_rate, GROWING_RATE), EFFORTS[0], found.discrepancy_rate)
+        rate = found.discrepancy_rate
+        x, _ = _searched(weighted, x, c, max(rate, GROWING_RATE), SEARCH_EFFORTS[0], rate)
     x = fit_states(problem, x, c, steps)
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
     return HeldOut(x, problem.noise * float(np.sqrt(np.nanmean(r**2))), r, _open_residuals(found, problem, x, r))
 
 
 def _open_residuals(found: FittedModel, problem: ShotProblem, x: Array, r: Array) -> Array:
-    """Residuals (n, m) of held-out shots with the constants moved as far as the fit leaves them open.
+    """Residuals (n, m) of held-out shots with the constants moved within their uncertainty.
 
-    A clip that shows what the training clips hardly do, a collision of balls say, speaks of the constants and not
-    against the model. So constants and initial states take one Newton step together, what the fit knows of the
-    constants being their prior.
+    A clip with events that are rare in the training clips, such as a collision, informs about the constants and does
+    not contradict the model. So constants and initial states take one Newton step together, with the fit's knowledge
+    of the constants as the prior.
 
     Args:
-        found: the fit, with what it knows of its constants.
+        found: the fit, with the covariance of its constants.
         problem: the held-out shots.
         x: (n, p) their initial states at the constants of the fit.
-        r: (n, m) their residuals there, which shots keep that do not come closer.
+        r: (n, m) their residuals there, kept for shots that do not improve.
     """
     seen, c, rows = problem.with_discrepancy(found.discrepancy_rate), found.constants, np.arange(len(x))
     shared = shared_constants(seen.model, seen.names, seen.known)
@@ -170,7 +171,7 @@ def _open_residuals(found: FittedModel, problem: ShotProblem, x: Array, r: Array
     known = np.isfinite(np.diag(found.covariance))
     covariance = np.diag(shared.width**2)
     covariance[np.ix_(known, known)] = found.covariance[np.ix_(known, known)]
-    covariance += np.diag(shared.steps**2)  # no constant is known better than over what its derivative is taken
+    covariance += np.diag(shared.steps**2)  # no constant is known better than the step of its derivative
     scale = np.sqrt(np.diag(covariance))
     prior = np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
     step = np.linalg.lstsq(shots.information.sum(axis=0) + prior, shots.gradient.sum(axis=0), rcond=None)[0]

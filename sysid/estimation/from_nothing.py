@@ -1,11 +1,11 @@
-"""A model fitted to clips from nothing: windows first, then whole shots from there.
+"""A model fitted to clips without start values: first to windows, then from there to whole shots.
 
-In: a `Split` and a model. Out: a `WindowFit` of windows that hang together (sysid/estimation/chain.py), and the
+In: a `Split` and a model. Out: a `WindowFit` of consecutive windows (sysid/estimation/chain.py), and the
 `FittedModel` of whole shots that it leads to.
 
-Windows have few false optima. Where the model follows whole shots with their constants, it is fitted once more to whole
-shots, which tell most then. Where it does not, late samples of whole shots are chaos, and the constants are those of
-the windows.
+Windows have few false optima. If the model follows whole shots at the windows' constants, it is fitted once more to
+whole shots, which are then the most informative. If it does not, late samples of whole shots are chaotic, and the
+constants are those of the windows.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_erro
 from sysid.estimation.state_search import BETTER_LOSS
 from sysid.estimation.windows import windows_of
 
-BASE_STEPS, BASE_ROUNDS = 8, 3  # of the constants, and of searching windows anew
+BASE_STEPS, BASE_ROUNDS = 8, 3  # iterations of the constants, and rounds of searching windows again
 LAST_STEPS = 8
 SEED_OF_HALVES = 0
-AGAIN = 1  # search more, from states that are nearly right
-HELD_OUT_STEPS = 4  # of the states of held-out windows at other constants
+REPEATED_SEARCHES = 1  # further searches from nearly right states
+HELD_OUT_STEPS = 4  # iterations of the states of held-out windows at other constants
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class WindowFit:
-    """A model fitted to windows, with the held-out ones at its constants."""
+    """A model fitted to windows, with the states of held-out windows at its constants."""
 
     fitted: ChainFit
     held_out: Chain | None
@@ -61,7 +61,7 @@ class WindowFit:
 
 
 def fit_windows(parts: Split, model: Model) -> WindowFit:
-    """The model fitted to windows from nothing, played by the event engine."""
+    """Fit a model to windows without start values, using the event engine."""
     names, model = tuple(model.parameters()), dataclasses.replace(model, engine="events")
     problem = parts.training.with_model(model, names)
     chain, c = Chain(problem, windows_of(problem)), values_of(model, names)
@@ -70,7 +70,7 @@ def fit_windows(parts: Split, model: Model) -> WindowFit:
     for _ in range(BASE_ROUNDS):
         found = fit_chain(chain, states, c, BASE_STEPS, "windows")
         c = found.constants
-        states = searched_windows(chain, c, found.states, AGAIN)
+        states = searched_windows(chain, c, found.states, REPEATED_SEARCHES)
         chain = chain.with_spread(likely_spread(chain, states, c))
     found = fit_chain(chain, states, c, LAST_STEPS, "windows")
     held, held_states = None, np.zeros((0, states.shape[1]))
@@ -82,11 +82,11 @@ def fit_windows(parts: Split, model: Model) -> WindowFit:
 
 
 def roughness_of(parts: Split, model: Model) -> float:
-    """Roughness of the loss, see `Chain`, from fits of two halves of the shots, each from nothing: 1 at least.
+    """Roughness of the loss, see `Chain`, from independent fits of two halves of the shots; at least 1.
 
-    A loss of many windows has as many optima, each sharper than the loss is over all of them. What constants of halves
-    differ by is what their standard deviations must explain. A single shot has no halves, and few of them may determine
-    nothing: then nothing is known of it.
+    A loss of many windows has many optima, each sharper than the loss over all of them. Standard deviations must
+    explain the difference between the constants of the halves. A single shot has no halves, and a few may not determine
+    the constants; the roughness is then unknown.
     """
     training = parts.training
     if len(training.clips) < 2:
@@ -106,7 +106,7 @@ def roughness_of(parts: Split, model: Model) -> float:
 
 
 def moved_to(before: WindowFit, found: ChainFit) -> WindowFit:
-    """A fit from another one, the held-out windows settled at its constants."""
+    """The fit of another chain, with the held-out windows fitted at its constants."""
     held, states = before.held_out, before.held_states
     if held is not None:
         held = held.with_model(found.chain.model, found.chain.names)
@@ -115,22 +115,22 @@ def moved_to(before: WindowFit, found: ChainFit) -> WindowFit:
 
 
 def searched(at: WindowFit, spread: Spread | None = None) -> WindowFit:
-    """The fit with windows searched anew at its constants, at these errors of the model or the most likely ones."""
+    """The fit with windows searched again at its constants, at these errors of the model or the most likely ones."""
     found = at.fitted
-    states = searched_windows(found.chain, found.constants, found.states, AGAIN)
+    states = searched_windows(found.chain, found.constants, found.states, REPEATED_SEARCHES)
     chain = found.chain.with_spread(spread or likely_spread(found.chain, states, found.constants))
     now = fit_chain(chain, states, found.constants, LAST_STEPS, "windows")
     held, held_states = at.held_out, at.held_states
     if held is not None:
         held = held.with_spread(chain.spread)
-        held_states = searched_windows(held, now.constants, held_states, AGAIN)
+        held_states = searched_windows(held, now.constants, held_states, REPEATED_SEARCHES)
     return WindowFit(now, held, held_states)
 
 
 def from_other(at: WindowFit, other: WindowFit, steps: int) -> WindowFit:
-    """The fit from the windows of another one, settled, in each shot in which these are likelier than its own.
+    """The fit, started from the windows of another one in each shot where these are likelier than its own.
 
-    Of two fits the one may follow a window by luck; by this both do.
+    One of two fits may follow a window by luck; after this both do.
     """
     found, c = at.fitted, at.fitted.constants
     states = _likelier(found.chain, found.states, other.fitted.states, c)
@@ -145,14 +145,14 @@ def from_other(at: WindowFit, other: WindowFit, steps: int) -> WindowFit:
 
 
 def _likelier(chain: Chain, states: Array, others: Array, c: Array) -> Array:
-    """States of windows (w, p), or in a shot others, settled, where these are likelier."""
+    """States of windows (w, p), replaced by others, fitted, in the shots where these are likelier."""
     sd, settled = chain.gap_sd(states), settled_states(chain, others, c, HELD_OUT_STEPS)
     better = chain.losses(settled, c, sd) < chain.losses(states, c, sd) - SAME_LOSS
     return np.where(better[chain.windows.shot][:, None], settled, states) if better.any() else states
 
 
 def as_fitted(at: WindowFit, problem: ShotProblem, x: Array) -> FittedModel:
-    """The fit as one of whole shots with initial states x (n, p)."""
+    """The fit as a `FittedModel` of whole shots with initial states x (n, p)."""
     found = at.fitted
     rates = shot_scores(problem, x, found.constants)[1]
     point = Point(problem.with_own_rates(np.zeros(len(x))), x, found.constants, float(np.median(rates)))
@@ -166,10 +166,10 @@ def as_fitted(at: WindowFit, problem: ShotProblem, x: Array) -> FittedModel:
 
 
 def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searching: bool = True) -> FittedModel:
-    """Whole shots at the constants of windows, with their error on the held-out clips.
+    """Fit whole shots from the constants of windows; returns the fit with its error on the held-out clips.
 
-    They are fitted, constants and initial states, where the model follows them, or `in_any_case`; when `searching`,
-    those that miss by more than most are searched anew for where they began.
+    Constants and initial states are fitted if the model follows the shots, or `in_any_case`; with `searching`, the
+    initial states of shots that miss by more than most are searched again.
     """
     found = at.fitted
     x = whole_states(found.chain, found.states, found.constants, found.chain.problem)
@@ -177,7 +177,7 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searchin
     now = as_fitted(at, with_scatter(parts.training.with_model(model, found.chain.names), x), x)
     if in_any_case or now.discrepancy_rate <= UNFOLLOWED_RATE:
         now = fit(now, "whole shots", searching)
-        if searching and now.discrepancy_rate == 0.0:  # where most are followed to the noise, others began elsewhere
+        if searching and now.discrepancy_rate == 0.0:  # most are followed to the noise, so others began elsewhere
             now = with_found_starts(now)
         if now.discrepancy_rate == 0.0 and now.problem.is_long:
             now = profiled(now)
@@ -188,9 +188,9 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searchin
 
 
 def with_found_starts(found: FittedModel) -> FittedModel:
-    """The fit with shots that miss by more than noise, and than most, begun where windows lead, if that is likelier.
+    """The fit with the initial states of poorly followed shots taken from windows, if that is likelier.
 
-    Such a shot may sit in a false optimum, and hold the constants there with it: so it is searched at the constants of
+    Such a shot may be in a false optimum, and keep the constants there with it, so it is searched at the constants of
     the others.
     """
     while True:
@@ -215,7 +215,7 @@ def _score(found: FittedModel) -> float:
 
 
 def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
-    """The clips split, and the model with every constant of its stack fitted to whole shots of them."""
+    """Split the clips, and fit every constant of the model's stack to whole shots."""
     parts, _, model = split(clip_set, model)
     parts, _, found = fit_from_nothing(parts, model, in_any_case=True)
     return parts, found
@@ -224,7 +224,7 @@ def begin(clip_set: ClipSet, model: Model) -> tuple[Split, FittedModel]:
 def fit_from_nothing(
     parts: Split, model: Model, in_any_case: bool = False, searching: bool = True
 ) -> tuple[Split, WindowFit, FittedModel]:
-    """Windows and whole shots, see `whole_shots`, and the split without the shots that are lost in them.
+    """Fit windows, then whole shots (see `whole_shots`); returns both, and the split without lost shots.
 
     Raises:
         BadInput: where most shots are lost.

@@ -1,9 +1,9 @@
-"""Initial states of shots from nearly right ones, at given constants; how likely they are, and how far they scatter.
+"""Initial states of shots at given constants: refinement, likelihood, and scatter about the commands.
 
-In: a problem, constants, where to begin. Out: initial states, and the loss or the likelihood of each shot.
+In: a problem, constants, start values. Out: initial states, and the loss or the likelihood of each shot.
 
-A shot that the model does not follow has a discrepancy of its own, the most likely one: its loss, and the logarithms of
-the standard deviations with it, is its negative log likelihood, by which initial states and models are compared.
+A shot that the model does not follow has its own discrepancy, the most likely one. Its loss plus the logarithms of the
+standard deviations is its negative log likelihood, by which initial states and models are compared.
 
 A commanded shot is a starting point and not the truth. The scatter of speed and azimuth about their commands, which
 tracks show, is estimated robustly over all commanded clips, and is never taken below the repeatability of a good
@@ -23,22 +23,22 @@ from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.least_squares import Prior, fit_each, loss
 
-CHANCE_SD = 3.0  # standard deviations of a shot's chi-square beyond which it is no chance
+CHANCE_SD = 3.0  # standard deviations of a shot's chi-square that chance does not exceed
 POLISH_STEPS, POLISH_ROUNDS = 10, 2
-CLIPPED_RESIDUAL_SD = 4.0  # times a shot's scatter, as which larger residuals count in it
+CLIPPED_RESIDUAL_SD = 4.0  # clip limit of residuals, in standard deviations of the shot's scatter
 MIN_COMMANDED_CLIPS = 5  # from which a scatter is estimated
-CLIPPED_SCATTER_SD = 2.0  # robust standard deviations, as which larger errors count: another stroke, or a false optimum
+CLIPPED_SCATTER_SD = 2.0  # clip limit of errors, in robust standard deviations, for other strokes and false optima
 LAUNCHER_REPEATABILITY = {"speed": 0.003, "azimuth": 0.001}  # fraction, [rad]: no launcher does better
 
 
 def shot_losses(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
-    """Loss of every shot, its prior with it, and how many residuals it has: (n,), (n,)."""
+    """Loss of every shot including its prior, and its number of residuals: (n,), (n,)."""
     losses, used = _losses(problem, x, c)
     return losses, used.sum(axis=1)
 
 
 def _losses(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Loss of every shot, its prior with it, and which residuals it has: (n,), (n, m)."""
+    """Loss of every shot including its prior, and which residuals it has: (n,), (n, m)."""
     n = len(x)
     r = problem.evaluate(x, np.tile(c, (n, 1)), np.arange(n))
     return loss(r, CAUCHY_SD) + 0.5 * np.sum(problem.prior.residuals(x) ** 2, axis=1), np.isfinite(r)
@@ -51,9 +51,9 @@ def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[
 
 
 def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
-    """Negative log likelihood of every shot at its own most likely discrepancy: (n,); those rates (n,).
+    """Negative log likelihood of every shot at its most likely discrepancy, and these rates: (n,), (n,).
 
-    A shot that misses by no more than noise explains has none.
+    The rate is 0 for a shot that misses by no more than noise explains.
     """
     n = len(x)
     bare = problem.with_own_rates(np.zeros(n)).with_discrepancy(0.0)
@@ -63,7 +63,7 @@ def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]
 
 
 def weighed_scores(problem: ShotProblem, x: Array, c: Array, rate: float) -> tuple[Array, Array]:
-    """Negative log likelihood of every shot at these discrepancies, and how many residuals it has: (n,), (n,)."""
+    """Negative log likelihood of every shot at these discrepancies, and its number of residuals: (n,), (n,)."""
     seen = problem.with_discrepancy(rate)
     losses, used = _losses(seen, x, c)
     logs, clip, ball = np.zeros(len(x)), -1, 0
@@ -74,13 +74,13 @@ def weighed_scores(problem: ShotProblem, x: Array, c: Array, rate: float) -> tup
 
 
 def fit_states(problem: ShotProblem, x: Array, c: Array, steps: int, tolerance: float = 1e-4) -> Array:
-    """Initial states (n, p) at constants (q,), from nearly right ones, in so many steps."""
+    """Refine initial states (n, p) at constants (q,) by a number of steps."""
     found, _ = fit_each(problem.objective(), x, c, steps, tolerance=tolerance)
     return found
 
 
 def polished(problem: ShotProblem, x: Array, c: Array) -> Array:
-    """Initial states of whole shots by least squares, Cauchy's loss being scaled to each shot's clipped scatter."""
+    """Initial states of whole shots by least squares, with Cauchy's loss scaled to each shot's clipped scatter."""
     n = len(x)
     for _ in range(POLISH_ROUNDS):
         r = problem.evaluate(x, np.tile(c, (n, 1)), np.arange(n))
@@ -94,7 +94,7 @@ def polished(problem: ShotProblem, x: Array, c: Array) -> Array:
 
 
 def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
-    """The problem, its commands known as well as the scatter of initial states x (n, p) about them."""
+    """The problem, with the prior of commands given by the scatter of initial states x (n, p) about them."""
     rows = np.array([k for k, clip in enumerate(problem.clips) if clip.cue is not None], int)
     if rows.size < MIN_COMMANDED_CLIPS:
         return problem
@@ -108,13 +108,13 @@ def with_scatter(problem: ShotProblem, x: Array) -> ShotProblem:
 
 
 def _robust_sd(values: Array, floor: float) -> float:
-    """Standard deviation about 0 of values (n,), outliers clipped; `floor` at least."""
+    """Standard deviation about 0 of values (n,), outliers clipped; at least `floor`."""
     limit = CLIPPED_SCATTER_SD * 1.4826 * float(np.median(np.abs(values)))
     return max(float(np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2))), floor)
 
 
 def _regressed_out(values: Array, regressor: Array) -> Array:
-    """Residuals (n,) of a proportionality to a regressor (n,), scaled up for the degree of freedom that it takes."""
+    """Residuals (n,) after regression on one regressor (n,), scaled up for the lost degree of freedom."""
     power = float(regressor @ regressor)
     residual = values - regressor * (float(regressor @ values) / power) if power > 0 else values
     return np.asarray(residual * np.sqrt(len(values) / max(len(values) - 1, 1)))

@@ -21,13 +21,13 @@ from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint
 from sysid.estimation.solver.least_squares import fit_each
 
-UNSEEN_EVENT_RATIO = 25.0  # a segment that misses by so many times the noise holds an event that was not seen
-FOLLOWED_RATIO = 1.5  # median rms over noise up to which the cloth is taken to follow the data
+UNSEEN_EVENT_RATIO = 25.0  # a segment that misses by more times the noise contains an undetected event
+FOLLOWED_RATIO = 1.5  # largest median rms over noise at which the cloth counts as following the data
 START_CAUCHY_SD = 10.0  # Cauchy's constant while start values are found
 SCANNED_SEGMENTS = 100  # the longest ones, for start values
 SCAN_FACTORS = (1.0, 0.25, 0.5, 2.0)  # of a constant's start value
 SCAN_STEPS, SEGMENT_STATE_STEPS, FIRST_FIT_STEPS, LAST_FIT_STEPS = 4, 8, 5, 20
-FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # share of the loss, where the model follows the segments, or not
+FINE_TOLERANCE, COARSE_TOLERANCE = 1e-5, 1e-4  # share of the loss, if the model follows the segments, or does not
 MIN_SEGMENTS = 3
 TOO_FEW = (
     "{} smooth paths of balls between impacts, where a fit takes {} or more: film more shots and longer free runs, or "
@@ -47,7 +47,7 @@ class OpenCloth:
 
     @property
     def known(self) -> dict[str, float]:
-        """Constants that the segments determine: not those that ran into a bound."""
+        """Constants that the segments determine, that is, those not at a bound."""
         known, values = np.isfinite(np.diag(self.solution.covariance)), self.solution.constants
         known &= (values > self.bounds[:, 0]) & (values < self.bounds[:, 1])
         return {n: float(v) for n, v, is_known in zip(self.names, values, known, strict=True) if is_known}
@@ -68,7 +68,7 @@ def cloth_constants(model: Model) -> tuple[str, ...]:
 
 
 def fit_open_cloth(model: Model, clip_set: ClipSet, noise: float) -> OpenCloth:
-    """Constants of the open cloth from segments.
+    """Fit the constants of the open cloth to segments.
 
     Raises:
         BadInput: where there are too few segments.
@@ -116,7 +116,7 @@ def _scan(problem: SegmentProblem, model: Model, names: Sequence[str]) -> Array:
 
 
 def ratios(problem: SegmentProblem | ShotProblem, x: Array, c: Array) -> Array:
-    """Rms residual per axis over noise of every segment or shot: (n,); infinite where no sample is trusted."""
+    """Rms residual per axis over noise of every segment or shot: (n,); infinite if no sample is trusted."""
     r = problem.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
     count = np.isfinite(r).sum(axis=1)
     return np.where(count > 0, np.sqrt(np.nansum(r**2, axis=1) / np.maximum(count, 1)), np.inf)

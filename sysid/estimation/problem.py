@@ -1,4 +1,4 @@
-"""What every least-squares problem of the workbench has in common: the unknowns of a moving ball, and the constants.
+"""Common parts of all least-squares problems here: the unknowns of a moving ball, and the constants.
 
 In: a model, the names of its constants, initial states. Out: steps, bounds and priors of the constants; a moving ball.
 
@@ -26,26 +26,26 @@ Index = NDArray[np.int64]
 
 STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
 CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
-MAX_SPEED_M_S = 15.0  # of a ball: no break shot is faster
-MAX_SPIN_M_S = 20.0  # surface speed of its spin: the miscue limit at that speed, and a little more
+MAX_SPEED_M_S = 15.0  # largest speed of a ball: no break shot is faster
+MAX_SPIN_M_S = 20.0  # largest surface speed of its spin: the miscue limit at that speed, with a margin
 OPEN_TABLE_M = 1e3  # length and width of a table whose cushions are out of range
 CAUCHY_SD = 4.0  # Cauchy's constant, in standard deviations
 
 
 def by_events(model: Model) -> bool:
-    """Whether the event engine plays a model; MuJoCo otherwise."""
+    """Whether the event engine can play a model; otherwise MuJoCo does."""
     return model.engine == "events" and not lacking(model)
 
 
 def is_varied(model: Model) -> bool:
-    """Whether effects act on balls in motion: then the engine chooses its steps by their error."""
+    """Whether effects act on balls in motion, so that the engine has adaptive steps."""
     return any(e.opens("forces") for e in model.stack())
 
 
 def constant_steps(model: Model, names: Sequence[str]) -> Array:
     """Finite-difference steps of constants, from their bounds' width: (q,).
 
-    Larger where forces vary: there the engine chooses its steps, and a different choice is a tiny jump.
+    They are larger if forces vary: the engine's adaptive steps then cause tiny jumps.
     """
     part = VARIED_CONSTANT_STEP if is_varied(model) else CONSTANT_STEP
     return np.array([part * np.subtract(*model.meta(n)["bounds"][::-1]) for n in names])
@@ -74,7 +74,7 @@ def state_bounds(table: Table, ball: Ball) -> Array:
 
 
 def on_open_table(model: Model) -> Model:
-    """The model on a table so large that its cushions are out of range; sizes are no constants there."""
+    """The model on a table so large that no ball meets a cushion; sizes are not constants there."""
     table = dataclasses.replace(model.table, length=OPEN_TABLE_M, width=OPEN_TABLE_M, pockets=False)
     return dataclasses.replace(model, table=table, sizes={})
 
@@ -82,7 +82,7 @@ def on_open_table(model: Model) -> Model:
 def shared_constants(
     model: Model, names: Sequence[str], known: Mapping[str, tuple[float, float]] | None = None
 ) -> SharedConstants:
-    """Steps and bounds of constants, with what is known of them beside the clips: mean and standard deviation."""
+    """Steps, bounds and priors (mean and standard deviation) of constants."""
     prior = None
     if known and any(n in known for n in names):
         prior = Prior(*np.array([known.get(n, (0.0, np.inf)) for n in names]).T)

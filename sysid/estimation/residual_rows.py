@@ -33,14 +33,14 @@ BACKWARDS_IN_TIME = 1  # fault of a row: its camera looked before the shot, or b
 
 @dataclass(frozen=True)
 class MeasuredShot:
-    """What was measured of one shot; lists hold one entry a ball, the struck one first."""
+    """The measurements of one shot; lists hold one entry per ball, the struck one first."""
 
     times: Sequence[Array]  # (s,) [s] from the start of the shot
     positions: Sequence[Array]  # (s, 2) [m]
     angles: Sequence[Array]  # (s,) of the mark [rad], nan where none was seen
-    trusted: Sequence[NDArray[np.bool_]]  # (s,) positions to believe
-    rest: Array  # (b - 1, 2) [m], positions at which the camera sees the other balls at first
-    stays: Sequence[bool]  # whether no pocket takes the ball
+    trusted: Sequence[NDArray[np.bool_]]  # (s,) positions to use
+    rest: Array  # (b - 1, 2) [m], positions at which the camera first sees the other balls
+    stays: Sequence[bool]  # whether the ball is not pocketed
     azimuth: float  # [rad], into which the initial state is turned
     session: Session
     struck: bool  # by a cue, or in motion from the start
@@ -50,7 +50,7 @@ class MeasuredShot:
 
 @dataclass(frozen=True)
 class ShotData:
-    """What was measured of shots, laid out for compiled code: n shots of at most b balls with s samples each.
+    """The measurements of shots, laid out for compiled code: n shots of at most b balls with s samples each.
 
     The residuals of a shot come ball after ball: positions (2 s) and angles (s), with s the ball's number of samples.
     """
@@ -62,13 +62,13 @@ class ShotData:
     struck: NDArray[np.bool_]  # (n,)
     balls: Index  # (n,) how many there are
     moving: Index  # (n,) how many of them, the first ones, move at the start
-    rest: Array  # (n, b, 2) [m], where the camera sees the others at first; the first is not used
-    stays: NDArray[np.bool_]  # (n, b), balls that no pocket takes
+    rest: Array  # (n, b, 2) [m], where the camera first sees the others; the first is not used
+    stays: NDArray[np.bool_]  # (n, b), balls that are not pocketed
     count: Index  # (n, b) samples of each ball
     at: Index  # (n, b, s) number of a sample's stamp
     xy: Array  # (n, b, s, 2) [m]
     theta: Array  # (n, b, s) [rad], nan where no mark was seen
-    trusted: NDArray[np.bool_]  # (n, b, s) positions to believe
+    trusted: NDArray[np.bool_]  # (n, b, s) positions to use
 
     @property
     def size(self) -> int:
@@ -82,14 +82,14 @@ class ShotData:
 
 @dataclass(frozen=True)
 class Weighting:
-    """How much each sample of n shots counts."""
+    """The weights of the samples of n shots, as standard deviations."""
 
     sd: Array  # (n, b, s) of each sample's position [m]
     sd_theta: Array  # (n,) of a mark's angle [rad]
-    horizon: Array  # (n,) after which a shot counts no more [s]
+    horizon: Array  # (n,) end of the part of a shot that counts [s]
 
     def only(self, rows: Index) -> Weighting:
-        """That of some of the shots."""
+        """The weighting of some of the shots."""
         return Weighting(self.sd[rows], self.sd_theta[rows], self.horizon[rows])
 
 
@@ -106,7 +106,7 @@ class ShotResiduals:
         return residuals(self.layout, self.data, self.weighting, x, c, which, self.data.size)
 
     def only(self, rows: Index) -> ShotResiduals:
-        """Those of some of the shots."""
+        """The function of some of the shots."""
         return ShotResiduals(self.layout, self.data.only(rows), self.weighting.only(rows))
 
 
@@ -150,8 +150,8 @@ def residuals(
 
     Args:
         layout: table, ball and effects, and which constants `c` has values of.
-        samples: what was measured of n shots.
-        weighting: how much they count.
+        samples: measurements of n shots.
+        weighting: their weights.
         x: (k, p) initial states: position, velocity, surface speed of the first ball; displacement of each other one;
             velocity and surface speed of the others that move at the start.
         c: (k, q) constants.
@@ -184,7 +184,7 @@ def residuals(
     over_threads(part, k)
     if (faults == BACKWARDS_IN_TIME).any():
         effects = ", ".join(e.name() for e in camera(layout.model) if e.opens("exposures"))
-        raise BadInput(f"{effects}: exposures go backwards, or to before the shot; correct the effect or its bounds")
+        raise BadInput(f"{effects}: exposures run backwards, or to before the shot; correct the effect or its bounds")
     return out
 
 

@@ -22,7 +22,7 @@ from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, pa
 from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
 from sysid.estimation.start_values import running_sd, straight
 
-START_SAMPLES = 6  # a straight line through so many is where a segment begins
+START_SAMPLES = 6  # a straight line through these first samples starts a segment
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,13 @@ class SegmentProblem:
         )  # fmt: skip
 
     def spinning(self, roll: float) -> Array:
-        """Where fits begin, with balls that spin at `roll` of natural roll: (n, 7)."""
+        """Start values of fits, with spins of `roll` times natural roll: (n, 7)."""
         start = self.start.copy()
         start[:, 5] *= roll
         return start
 
     def objective(self, cauchy_sd: float) -> Objective:
-        """For a fit of the initial states, with Cauchy's constant in standard deviations."""
+        """The objective of a fit of initial states, with Cauchy's constant in standard deviations."""
         high = state_bounds(self.model.table, self.model.ball)
         bounds = np.column_stack([-high, high])
         return Objective(self.evaluate, STATE_STEPS, self.prior, cauchy_sd, bounds=bounds, part=self._part)
@@ -63,12 +63,12 @@ class SegmentProblem:
 
     @cached_property
     def layout(self) -> Layout | None:
-        """The model, laid out for the event engine; None where MuJoCo plays it."""
+        """The model, laid out for the event engine; None if MuJoCo plays it."""
         return Layout(self.model, self.names) if by_events(self.model) else None
 
     @cached_property
     def size(self) -> int:
-        """Of a row of residuals: x and y of every sample of the longest segment."""
+        """Length of a row of residuals: x and y of every sample of the longest segment."""
         return 2 * max(len(s.time) for s in self.segments)
 
     def evaluate(self, x: Array, c: Array, which: Index) -> Array:
@@ -101,7 +101,7 @@ class SegmentProblem:
 
 
 def segment_problem(model: Model, names: Sequence[str], segments: Sequence[Segment], noise: float) -> SegmentProblem:
-    """Set up segments with starting values: straight through the first samples, rolling."""
+    """Set up segments with start values: a straight line through the first samples, rolling."""
     open_cloth = on_open_table(model)
     start, azimuth = np.zeros((len(segments), 7)), np.zeros(len(segments))
     for k, s in enumerate(segments):

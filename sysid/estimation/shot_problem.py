@@ -3,11 +3,12 @@
 In: a model, a clip set and the noise of the camera. Out: a `ShotProblem`, which evaluates residuals in units of their
 sd from initial states and constants.
 
-Residuals are between what the camera reports and what the model predicts that it reports; unknowns are true. The
-initial state of a shot is that of the struck ball (sysid/estimation/problem.py), followed by the displacement of each
-other ball from the mean of its positions seen at rest (2 each) [m]: a twentieth of a millimetre turns a cut by more
-than the effects that are looked for. Where clips begin in mid-motion, velocity and R omega of every other ball that
-moves then follow (5 each) [m/s], in the table's frame; its displacement is from where its first samples lead back to.
+Residuals are differences between reported positions and the model's prediction of these reports; unknowns are true
+quantities. The initial state of a shot is that of the struck ball (sysid/estimation/problem.py), followed by the
+displacement of each other ball from the mean of its positions seen at rest (2 each) [m]: a twentieth of a millimetre
+turns a cut by more than the effects sought. If clips begin in mid-motion, velocity and R omega of every other moving
+ball follow (5 each) [m/s], in the table's frame; its displacement is then from the point to which its first samples
+lead back.
 """
 
 from __future__ import annotations
@@ -48,10 +49,10 @@ from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
 from sysid.estimation.start_values import running_sd, running_start, shot_start, theta_noise
 
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
-REST_SD = 2.0  # of both noises: prior sd of its displacement from where it was seen
+REST_SD = 2.0  # prior sd of its displacement from where it was seen, over both noises together
 GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
-MAX_EVENTS = 3  # impacts of a shot, in the middle of a set, beyond which its shots are long
-MAX_STAGES = 12  # horizons of a shot that grows from event to event
+MAX_EVENTS = 3  # median number of impacts beyond which the shots of a set count as long
+MAX_STAGES = 12  # most horizons of a shot that grows from event to event
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
 Item = TypeVar("Item")
 
@@ -64,13 +65,13 @@ class ShotProblem:
     names: tuple[str, ...]  # of the constants
     clip_set: ClipSet
     noise: float  # one standard deviation per axis [m]
-    known: Mapping[str, tuple[float, float]]  # of constants, beside the clips: mean and standard deviation
+    known: Mapping[str, tuple[float, float]]  # prior of constants: mean and standard deviation
     start: Array  # (n, p)
     azimuth: Array  # (n,)
     prior: Prior
     rest: tuple[Array, ...]  # of each clip: (nball - 1, 2) where the camera sees the others at rest [m]
     staying: tuple[tuple[str, ...], ...]  # balls of each clip that end elsewhere than at a pocket
-    trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to believe
+    trusted: tuple[dict[str, NDArray[np.bool_]], ...]  # samples to use
     events: tuple[Array, ...]  # times of the struck ball's events in each clip [s]
     path: Array  # (n, nball, m) path length of each sample, see sysid/estimation/discrepancy.py [m]
     data: ShotData
@@ -78,7 +79,7 @@ class ShotProblem:
     sd_theta: Array  # (n,) of a marked ball's angle [rad]
     end: Array  # (n,) of each clip [s]
     horizon: Array  # (n,) after which a shot counts no more [s]
-    own_rates: Array  # (n,) discrepancy rate of each shot, where it counts by its own
+    own_rates: Array  # (n,) each shot's own discrepancy rate
     correlation_time: float = 1.0  # of both noises [samples], see sysid/clips/noise.py
     slow_noise: float = 0.0  # one standard deviation per axis [m], see sysid/clips/slow_noise.py
 
@@ -103,39 +104,39 @@ class ShotProblem:
         )  # fmt: skip
 
     def until(self, horizon: Array) -> ShotProblem:
-        """The same shots, up to other times."""
+        """The shots up to other times."""
         return dataclasses.replace(self, horizon=horizon)
 
     def with_model(self, model: Model, names: Sequence[str]) -> ShotProblem:
-        """The same shots, played by another model with these constants to fit."""
+        """The shots played by another model, with these constants to fit."""
         return dataclasses.replace(self, model=model, names=tuple(names))
 
     def with_discrepancy(self, rate: float) -> ShotProblem:
-        """The same shots as fits weigh them: by both noises, and an error that grows along their paths.
+        """The shots weighted by both noises and an error that grows along their paths.
 
-        That error is of `rate`, and of their own rate where it is larger.
+        That error has the rate `rate`, or a shot's own rate if it is larger.
         """
         rates = np.maximum(rate, self.own_rates)[:, None, None]
         return dataclasses.replace(self, sd=np.hypot(self.noise_of_fits, rates * self.path))
 
     def with_own_rates(self, rates: Array) -> ShotProblem:
-        """The same shots, each with a discrepancy rate of its own: (n,)."""
+        """The shots with a discrepancy rate for each: (n,)."""
         return dataclasses.replace(self, own_rates=rates)
 
     @property
     def noise_of_fits(self) -> float:
-        """Of the camera and of what its tracks wander, one standard deviation per axis [m]."""
+        """Noise and slow noise of the camera together, one standard deviation per axis [m]."""
         return math.hypot(self.noise, self.slow_noise)
 
     @property
     def is_long(self) -> bool:
-        """Whether shots have so many impacts that an error of the model grows to more than can be followed."""
+        """Whether shots have so many impacts that errors of the model grow beyond what can be followed."""
         many = bool(self.clips) and float(np.median([len(e) for e in self.events])) > MAX_EVENTS
         return many and by_events(self.model)
 
     @property
     def stages(self) -> int:
-        """How many horizons there are from event to event; the last is the end of every shot."""
+        """Number of horizons from event to event; the last is the end of every shot."""
         return min(max((len(e) for e in self.events), default=0), MAX_STAGES) + 1
 
     def horizon_at(self, stage: int) -> Array:
@@ -158,7 +159,7 @@ class ShotProblem:
 
     @property
     def motions_from(self) -> int:
-        """Number of the first unknown of an initial state that is of another ball in motion."""
+        """Index of the first unknown that belongs to another moving ball."""
         return len(STATE_STEPS) + 2 * (self.data.rest.shape[1] - 1)
 
     def objective(self, cauchy_sd: float = CAUCHY_SD) -> Objective:
@@ -168,26 +169,26 @@ class ShotProblem:
         )  # fmt: skip
 
     def _part(self, rows: Index) -> Evaluate:
-        """`evaluate` of some of the shots, with what that needs alone."""
+        """`evaluate` of some of the shots, with only the data that it needs."""
         played = self._played
         return self.only(rows).evaluate if played is None else played.only(rows)
 
     @property
     def bounds(self) -> Array:
-        """Where a ball can be, and how fast it can move and spin: (p, 2)."""
+        """Bounds of positions, velocities and spins: (p, 2)."""
         first, others = state_bounds(self.model.table, self.model.ball), self.start.shape[1] - self.motions_from
         at_rest = np.full(self.motions_from - len(first), self.model.ball.diameter / 2)
         high = np.concatenate([first, at_rest, np.tile(first[2:], others // len(first[2:]))])
         return np.column_stack([-high, high])
 
     def balls(self, clip: int) -> tuple[str, ...]:
-        """Names, the struck ball, or those that move at the start, first."""
+        """Names of the balls; the struck ball, or those that move at the start, come first."""
         return self.clips[clip].order_of_balls
 
     def shot(self, x: Array, clip: int, times: Array, radius: float) -> Shot:
         """The shot that an initial state (p,) stands for with balls of a radius [m].
 
-        The others are where they are reported, see `undone`, and rest but for those that move at the start.
+        The others are where they are reported, see `undone`, and rest unless they move at the start.
         """
         others = self.rest[clip]
         rest = others + x[len(STATE_STEPS) : len(STATE_STEPS) + others.size].reshape(others.shape)
@@ -202,7 +203,7 @@ class ShotProblem:
         )  # fmt: skip
 
     def struck(self, x: Array, effect: Effect) -> Array:
-        """Initial states (n, p) that begin as these do where an effect changes what the cue delivers."""
+        """Initial states (n, p) that compensate for effects which change what the cue delivers."""
         ball, q = self.model.ball, np.stack([turn(a) for a in self.azimuth])
         velocity, level = (np.einsum("nij,nj->ni", q, x[:, part]) for part in (slice(2, 4), slice(4, 6)))
         v, w = velocity[:, None].copy(), np.column_stack([level, x[:, 6]])[:, None] / ball.radius
@@ -216,7 +217,7 @@ class ShotProblem:
         return np.where(struck[:, None], out, x)
 
     def by_ball(self, residuals: Array) -> Iterator[tuple[int, str, Array]]:
-        """Residuals (n, m) by ball: number of the clip, ball, residuals of its positions (samples, 2)."""
+        """Residuals (n, m) split by ball: index of the clip, ball, residuals of its positions (samples, 2)."""
         for k, clip in enumerate(self.clips):
             at = 0
             for name in self.balls(k):
@@ -225,12 +226,12 @@ class ShotProblem:
                 at += RESIDUALS_PER_SAMPLE * n
 
     def times(self, clip: int) -> Array:
-        """Every time at which any ball was seen, up to the horizon."""
+        """All times at which any ball was seen, up to the horizon."""
         seen = np.unique(np.concatenate([o.time for o in self.clips[clip].balls.values()]))
         return seen[seen <= self.horizon[clip] + 1e-9]
 
     def tracks(self, x: Array, c: Array, which: Index) -> list[Track]:
-        """What the model predicts that the camera reports of these shots; constants (k, q)."""
+        """Predicted camera reports of these shots; constants (k, q)."""
         model = self.model.with_values({n: c[:, k] for k, n in enumerate(self.names)})
         stated = stated_size(BALL_DIAMETER, model.table, model.ball)
         radius = np.broadcast_to(np.asarray(model.sizes.get(BALL_DIAMETER, stated), float) / 2, (len(x),))
@@ -244,7 +245,7 @@ class ShotProblem:
 
     @property
     def _played(self) -> ShotResiduals | None:
-        """`evaluate` by the event engine; None where MuJoCo plays the model."""
+        """`evaluate` by the event engine; None if MuJoCo plays the model."""
         if self.layout is None:
             return None
         return ShotResiduals(self.layout, self.data, Weighting(self.sd, self.sd_theta, self.horizon))
@@ -267,7 +268,7 @@ class ShotProblem:
         return out
 
     def discrepancy_rates(self, x: Array, c: Array) -> Array:
-        """The most likely error per path length of each shot by itself: (n,)."""
+        """The most likely error per path length of each single shot: (n,)."""
         return np.array([likely_rate(e, path, self.noise_of_fits) for e, path in self._errors(x, c)])
 
     def discrepancy_rate(self, x: Array, c: Array, share: float = 0.5) -> float:
@@ -276,7 +277,7 @@ class ShotProblem:
         return discrepancy_rate(errors, paths, self.noise_of_fits, share)
 
     def _errors(self, x: Array, c: Array) -> list[tuple[Array, Array]]:
-        """Residuals per axis of each shot [m], NaN where unused, and their path lengths [m]: (m,), (m,)."""
+        """Residuals per axis of each shot [m], NaN if unused, and their path lengths [m]: (m,), (m,)."""
         unweighted = dataclasses.replace(self, sd=np.ones_like(self.sd))
         r = unweighted.evaluate(x, np.tile(c, (len(x), 1)), np.arange(len(x)))
         found: list[list[tuple[Array, Array]]] = [[] for _ in x]
@@ -304,7 +305,7 @@ def shot_problem(
     model: Model, names: Sequence[str], clip_set: ClipSet, noise: float,
     known: Mapping[str, tuple[float, float]] | None = None, correlation_time: float = 1.0, slow_noise: float = 0.0,
 ) -> ShotProblem:  # fmt: skip
-    """Set up whole shots: starting values and their spread from the cue's command, or from the first samples."""
+    """Set up whole shots: start values and priors from the cue's command, or from the first samples."""
     clips, n = clip_set.clips, len(clip_set.clips)
     events, paths = events_and_paths(clip_set, noise)
     start, mean, sd, azimuth = _starts(clip_set, noise, events, REST_SD * math.hypot(noise, slow_noise))
@@ -335,7 +336,7 @@ def _starts(
     resting = first + 2 * (max((len(c.balls) for c in clips), default=1) - 1)
     p = resting + MOTION_SIZE * max((len(c.running) - 1 for c in clips if c.running), default=0)
     start, mean, sd, azimuth = np.zeros((n, p)), np.zeros((n, p)), np.full((n, p), rest_sd), np.zeros(n)
-    sd[:, resting:] = 1.0  # of balls that rest, where nothing depends on it
+    sd[:, resting:] = 1.0  # of resting balls, for which nothing depends on it
     for k, clip in enumerate(clips):
         until = float(events[k][0]) if events[k].size else math.inf
         start[k, :first], mean[k, :first], sd[k, :first], azimuth[k] = shot_start(clip, clip_set, noise, until)
@@ -349,7 +350,7 @@ def _starts(
 
 
 def _measured(clip: Clip, clip_set: ClipSet, noise: float, azimuth: float) -> MeasuredShot:
-    """What was measured of a shot, the balls that move first before the others; not trusted close to a nose."""
+    """The measurements of a shot, first the balls that move first; samples close to a nose are not trusted."""
     names = clip.order_of_balls
     seen = [clip.balls[name] for name in names]
     edge = np.array([clip_set.table.length / 2, clip_set.table.width / 2]) - clip_set.ball.radius - CLAMP_MARGIN_M

@@ -2,10 +2,10 @@
 
 In: a clip set and a model. Out: a `Split`, the open cloth's constants, and fits with their error on held-out clips.
 
-Shots that a model does not follow from any start are excluded by name, so that they do not pull the constants. A shot
-is lost if its residuals are not finite, or if it ends far from where it was seen and far beyond the others: a track
-that is no shot of this table, two shots in one clip, another ball struck. An effect that the model lacks leaves errors
-of millimetres to centimetres, in many shots.
+Shots that a model does not follow from any start are excluded by name, so that they do not bias the constants. A shot
+is lost if its residuals are not finite, or if it ends far from where it was seen and much farther than the others: the
+track is not a shot on this table, the clip holds two shots, or another ball was struck. An effect that the model lacks
+leaves errors of millimetres to centimetres, in many shots.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.sizes import known_sizes, with_free_sizes
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
-CLOCK_CONSTANT = "clock_scale.factor"  # known from the time stamps of the clips
+CLOCK_CONSTANT = "clock_scale.factor"  # its prior is known from the time stamps of the clips
 LOST_M = 0.3  # rms residual per axis from which a shot may be lost
-LOST_RATIO = 20.0  # and over the median of all shots
+LOST_RATIO = 20.0  # and its ratio to the median of all shots
 log = logging.getLogger(__name__)
 
 
@@ -46,7 +46,7 @@ class Split:
     training: ShotProblem
     held_out: ShotProblem | None
     spikes: int  # samples left out as outliers
-    excluded: tuple[str, ...] = ()  # shots that were set aside, a line each
+    excluded: tuple[str, ...] = ()  # shots that were excluded, a line each
 
     @property
     def noise(self) -> float:
@@ -54,26 +54,26 @@ class Split:
         return self.training.noise
 
     def follows(self, found: FittedModel) -> bool:
-        """Whether whole shots are followed closely enough to determine what acts on them between impacts."""
+        """Whether whole shots are followed closely enough to determine forces between impacts."""
         return found.discrepancy_rate <= UNFOLLOWED_RATE
 
     def needs_windows(self, found: FittedModel) -> bool:
-        """Whether impacts, each by itself, say more of what the model lacks than whole shots do.
+        """Whether single impacts show more of what the model lacks than whole shots do.
 
-        Where a single shot is not followed, what it tells is lost in whole shots; and shots of many impacts may be
-        followed, and hardly be, by constants that are bent.
+        If a shot is not followed, its information is lost in a fit of whole shots; and shots of many impacts may be
+        followed only by biased constants.
         """
         rates = shot_scores(found.problem, found.initial_states, found.constants)[1]
         return self.training.is_long or float(rates.max()) > UNFOLLOWED_RATE
 
     def excluding(self, lines: tuple[str, ...], training: ShotProblem, held_out: ShotProblem | None) -> Split:
-        """The split with those shots alone, the others set aside with a line each."""
+        """The split with only those shots; the others are excluded with a line each."""
         for line in lines:
             log.info("%s", line)
         return Split(training, held_out, self.spikes, (*self.excluded, *lines))
 
     def states_of(self, found: FittedModel, files: Sequence[str]) -> Array | None:
-        """Initial states of all clips, in the order of `files`: (n, p); None where some were not fitted."""
+        """Initial states of all clips, in the order of `files`: (n, p); None if some were not fitted."""
         if self.excluded:
             return None
         parts = [(self.training, found.initial_states)]
@@ -93,7 +93,7 @@ class Split:
 
 
 def training_clips(clip_set: ClipSet) -> list[int]:
-    """Clips that may give constants: all but every fifth."""
+    """Clips for training: all but every fifth."""
     n, every = len(clip_set.clips), HELD_OUT_EVERY
     return [k for k in range(n) if n < every or k % every != every - 1]
 
@@ -104,13 +104,13 @@ def subset(clip_set: ClipSet, rows: Sequence[int]) -> ClipSet:
 
 
 def split(clip_set: ClipSet, model: Model) -> tuple[Split, OpenCloth, Model]:
-    """The clips split, the constants of the open cloth from their segments, and the model with those constants."""
+    """Split the clips, fit the open cloth's constants to segments, and give the model these constants."""
     noise = position_noise(clip_set)
     clip_set, spikes = remove_outliers(clip_set, noise)
     slow = slow_noise(clip_set, noise)
     correlation = slow.together(noise, noise_correlation(clip_set))
     if slow.sd:
-        log.info("%s; fits count it beside the noise", slow.in_words())
+        log.info("%s; fits add it to the noise", slow.in_words())
     scale, sd = stamp_scale(clip_set)
     known = {CLOCK_CONSTANT: (scale, sd)} if np.isfinite(sd) else {}
     rows = training_clips(clip_set)
@@ -147,27 +147,27 @@ def typical_error(errors: Array) -> float:
     typical = float(np.median(errors))
     if not typical <= LOST_M:
         raise BadInput(
-            f"most shots end {typical:.2g} m from where they were seen, from every start and spin that was tried; "
+            f"most shots end {typical:.2g} m from where they were seen, from every start and spin tried; "
             "check the table's size, the units, and which ball is struck"
         )
     return typical
 
 
 def exclusion_lines(problem: ShotProblem, rows: Index, errors: Array) -> tuple[str, ...]:
-    """One line for each shot that is set aside."""
+    """One line for each excluded shot."""
     return tuple(
-        f"{problem.clips[k].file}: set aside, from every start and spin that was tried it ends {errors[k]:.2g} m away"
+        f"{problem.clips[k].file}: excluded, since it ends {errors[k]:.2g} m away from every start and spin tried"
         for k in rows.tolist()
     )
 
 
 def in_any_case(parts: Split, found: FittedModel) -> FittedModel:
-    """A fit of windows fitted to whole shots, even where it does not follow them."""
+    """A fit of whole shots from one of windows, even if the model does not follow them."""
     return found if parts.follows(found) else fit_on(parts, found, found, "whole shots", searching=False)
 
 
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str, searching: bool = True) -> FittedModel:
-    """A fit from a start, see `fit`, evaluated on the held-out clips; `before` has nearly right states of these."""
+    """A fit from a start (see `fit`), evaluated on the held-out clips, with their nearly right states `before`."""
     found = fit(start, what, searching)
     if parts.held_out is None or before.held_out is None:
         return found

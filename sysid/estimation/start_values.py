@@ -14,16 +14,16 @@ from sysid.clips.noise import smooth_noise
 from sysid.clips.segments import free_from
 from sysid.estimation.problem import Array, turn
 
-LINE_SAMPLES = 6  # a straight line through so many gives position and velocity
-COMMAND_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # how far a shot may be from its command
+LINE_SAMPLES = 6  # a straight line through these samples gives position and velocity
+COMMAND_SD = {"speed": 0.05, "azimuth": 0.02, "offset": 0.002}  # sd of a shot about its command
 MISCUE_SPIN = 1.25  # R omega over v at the miscue limit: 5/2 of half a radius
-RUNNING_SPIN = 2.0  # times as much of a ball that moves already: its sidespin outlasts its speed
-MIN_MARKS = 8  # angles of a mark that determine the sidespin by themselves
-MIN_SD_M_S = 0.02  # of a velocity or R omega that a command gives [m/s]
+RUNNING_SPIN = 2.0  # factor for a ball that is already moving: its sidespin outlasts its speed
+MIN_MARKS = 8  # fewest angles of a mark that determine the sidespin
+MIN_SD_M_S = 0.02  # least sd of a velocity or R omega from a command [m/s]
 
 
 def straight(time: Array, xy: Array, roll: float) -> tuple[Array, float]:
-    """Initial state (7,) of a straight line through samples, spinning at `roll` of natural roll, and its azimuth."""
+    """Initial state (7,) from a straight line through samples, with `roll` times natural roll, and its azimuth."""
     line = _line(time, xy)
     speed = float(np.hypot(*line[1]))
     azimuth = float(np.arctan2(line[1, 1], line[1, 0]))
@@ -38,7 +38,7 @@ def running_sd(speed: float) -> Array:
 def shot_start(clip: Clip, clip_set: ClipSet, noise: float, hit: float) -> tuple[Array, Array, Array, float]:
     """Start, mean and standard deviation of a shot's initial state, (7,) each, and its azimuth.
 
-    `hit` is the time of the struck ball's first impact [s]: what follows says nothing of where it was struck to.
+    `hit` is the time of the struck ball's first impact [s]; later samples do not show the direction of the strike.
     """
     seen, radius = clip.balls[clip.struck], clip_set.ball.radius
     low = 0 if clip.running else free_from(seen, noise)
@@ -74,13 +74,13 @@ def shot_start(clip: Clip, clip_set: ClipSet, noise: float, hit: float) -> tuple
 
 
 def running_start(seen: Observation) -> tuple[Array, Array]:
-    """Position (2,) [m] at time 0, and velocity and R omega (5,) [m/s] in the table's frame, of a ball that rolls."""
+    """Position (2,) [m] at time 0, and velocity and R omega (5,) [m/s] of a rolling ball, table frame."""
     position, velocity = _line(seen.time[:LINE_SAMPLES], seen.xy[:LINE_SAMPLES])
     return position, np.array([*velocity, -velocity[1], velocity[0], 0.0])
 
 
 def theta_noise(clips: Sequence[Clip]) -> float:
-    """Noise of the marks' angles from their third differences [rad]; 1 where no ball is marked."""
+    """Noise of the marks' angles from their third differences [rad]; 1 if no ball is marked."""
     found = []
     for clip in clips:
         for seen in clip.balls.values():

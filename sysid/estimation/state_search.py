@@ -1,15 +1,15 @@
-"""Several optima of every shot, kept alive from event to event until its samples decide between them.
+"""Search of initial states: several optima of every shot, followed from event to event until samples decide.
 
 In: a problem, constants, the optima up to an event. Out: the optima up to the next one.
 
-A whole shot has many local optima: a sidespin that does not show before a cushion decides where the ball goes after it.
-What is known of the initial state up to an event is taken as a mixture of Gaussians, one about each optimum (Laplace's
-approximation, the prior included). So new starts are drawn from that mixture, along what is not yet determined, and
+A whole shot has many local optima: a sidespin that is invisible before a cushion decides where the ball goes after it.
+Knowledge of the initial state up to an event is approximated by a mixture of Gaussians, one at each optimum (Laplace's
+approximation, including the prior). New starts are drawn from that mixture, along the undetermined directions, and
 fitted up to the next event. Optima within one standard deviation of a better one are the same; the best of the others
-go on. More starts are drawn as long as they find better optima. A discrepancy of the model in proportion to the path
-is tolerated on the way, a large one until its size is known; then shots that stand out are searched again with that,
-and with more effort. The draws are quasi-random (Sobol), the same for every shot, so that the result for one shot
-depends on no other.
+are kept. More starts are drawn as long as they find better optima. A discrepancy of the model in proportion to the path
+is tolerated on the way, a large one until its size is known; then shots that stand out are searched again with the
+known size and more effort. The draws are quasi-random (Sobol) and the same for every shot, so that the result for one
+shot does not depend on the others.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Objective, fit_each, linearised
 
-MAX_OPTIMA = 8  # of a shot that go on
-FIRST_DRAWS, MORE_DRAWS, MAX_DRAWS = 8, 16, 96  # starts of a shot at an event: at first, while they help, in all
-COARSE_STEPS, FINE_STEPS = 2, 4  # of a draw, and of those that are then the best
-FINE_SHARE = 3  # one of so many draws goes on to the fine steps
-BETTER_LOSS = 0.5  # of a shot's loss, for which more starts are drawn: half a standard deviation squared
+MAX_OPTIMA = 8  # most optima of a shot that are kept
+FIRST_DRAWS, MORE_DRAWS, MAX_DRAWS = 8, 16, 96  # starts of a shot at an event: at first, while they help, in total
+COARSE_STEPS, FINE_STEPS = 2, 4  # iterations of each draw, and of the best ones
+FINE_SHARE = 3  # one in this number of draws gets the fine steps
+BETTER_LOSS = 0.5  # improvement of a shot's loss that justifies more starts: half a squared standard deviation
 SAME_OPTIMUM_SD = 1.0  # standard deviations within which two optima are one
 QUARTILE_TO_SD = 1.4826  # of a normal distribution: sd over the distance of its median from its lower quartile
-EFFORTS = (1, 3, 9)  # times as many optima and draws, where a shot is not found with fewer
-SHOTS_AT_ONCE = 128  # which bounds the memory
+SEARCH_EFFORTS = (1, 3, 9)  # factors on optima and draws, if a shot is not found with fewer
+SHOTS_AT_ONCE = 128  # bounds the memory
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Optima:
-    """Rival initial states of shots, those of one shot side by side, the best first."""
+    """Competing initial states of shots, grouped by shot, the best first."""
 
     shots: Index  # (k,) number of the shot, ascending
     states: Array  # (k, p)
@@ -55,17 +55,17 @@ class Optima:
 
     @property
     def best(self) -> Array:
-        """Of every shot: (n, p)."""
+        """The best state of every shot: (n, p)."""
         return self.states[np.unique(self.shots, return_index=True)[1]]
 
     def with_best(self, states: Array) -> Optima:
-        """Those with other states in place of the best ones: (n, p)."""
+        """The same optima with other states in place of the best ones: (n, p)."""
         moved = self.states.copy()
         moved[np.unique(self.shots, return_index=True)[1]] = states
         return Optima(self.shots, moved)
 
     def only(self, rows: Index) -> Optima:
-        """Those of some shots, which are then numbered in that order; `rows` ascending."""
+        """The optima of some shots, renumbered in that order; `rows` ascending."""
         mine = np.isin(self.shots, rows)
         return Optima(np.searchsorted(rows, self.shots[mine]), self.states[mine])
 
@@ -73,7 +73,7 @@ class Optima:
 def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
     """The initial state of every shot at constants (q,), searched once from event to event: (n, p).
 
-    Samples count as the problem weighs them; see `ShotProblem.with_discrepancy`.
+    Samples have the problem's weights; see `ShotProblem.with_discrepancy`.
     """
     optima = Optima.at(problem.start)
     for stage in range(problem.stages):
@@ -83,23 +83,23 @@ def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
 
 
 def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
-    """The best of the optima of every shot as the problem weighs whole shots: (n, p)."""
+    """The best optimum of every shot, by the problem's loss of whole shots: (n, p)."""
     x, loss = fit_each(problem.objective(), optima.states, c, FINE_STEPS, optima.shots)
     order = np.lexsort((loss, optima.shots))
     return Optima(optima.shots[order], x[order]).best
 
 
 def standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
-    """Shots whose loss per residual is beyond that of noise, and of the other shots, by more than chance."""
+    """Shots whose loss per residual exceeds that of noise and of the other shots by more than chance."""
     loss, count = shot_losses(problem, x, c)
     each = loss / np.maximum(count, 1)
-    quarter, middle = np.quantile(each, (0.25, 0.5))  # shots that are followed worse spread above the middle
+    quarter, middle = np.quantile(each, (0.25, 0.5))  # poorly followed shots spread above the median only
     others = each <= middle + CHANCE_SD * QUARTILE_TO_SD * (middle - quarter)
     return np.flatnonzero(~(others | within_noise(loss, count, problem.correlation_time)))
 
 
 def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1) -> Optima:
-    """Optima up to the event of a stage, from those up to the one before it."""
+    """Optima up to the event of a stage, from those up to the event before it."""
     rows = np.flatnonzero(problem.horizon_at(stage) > problem.horizon_at(stage - 1))
     if not rows.size:
         return optima
@@ -117,7 +117,7 @@ def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effo
 
 
 def _recorded(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int) -> Optima:
-    """`_searched`; from the journal, where one is kept and knows it."""
+    """`_searched`, from the journal if it has the answer."""
     n, most, p = int(optima.shots[-1]) + 1, effort * MAX_OPTIMA, optima.states.shape[1]
 
     def work() -> tuple[Array, ...]:
@@ -138,7 +138,7 @@ def _recorded(seen: Objective, before: Objective, optima: Optima, c: Array, effo
 
 
 def _searched(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int) -> Optima:
-    """Optima of an objective, from those of the one before it."""
+    """Optima of an objective, from those of the previous one."""
     origin = state_information(before, optima.states, c, optima.shots)
     x, loss = fit_each(seen, optima.states, c, COARSE_STEPS + FINE_STEPS, optima.shots)
     found = _distinct(optima.shots, x, loss, state_information(seen, x, c, optima.shots), effort * MAX_OPTIMA)
@@ -171,12 +171,12 @@ class _Found:
 
     @property
     def lowest(self) -> Array:
-        """Loss of the best of every shot: (n,)."""
+        """Loss of the best optimum of every shot: (n,)."""
         return self.losses[np.unique(self.shots, return_index=True)[1]]
 
 
 def _distinct(shots: Index, x: Array, losses: Array, information: Array, most: int) -> _Found:
-    """The best optima of every shot, so many at most, of which none is within a standard deviation of a better one."""
+    """At most `most` best optima of every shot, none within a standard deviation of a better one."""
     order = np.lexsort((losses, shots))
     kept: list[int] = []
     for of_shot in _runs(shots[order]):
@@ -193,22 +193,22 @@ def _distinct(shots: Index, x: Array, losses: Array, information: Array, most: i
 
 
 def _runs(numbers: Index) -> Iterator[slice]:
-    """Where equal numbers stand in a sorted list."""
+    """Slices of equal numbers in a sorted array."""
     edges = np.flatnonzero(np.diff(numbers)) + 1
     yield from (slice(a, b) for a, b in zip([0, *edges], [*edges, len(numbers)], strict=True))
 
 
 def _best_share(shots: Index, losses: Array) -> Index:
-    """Numbers of those of the least loss of every shot, one of FINE_SHARE: ascending."""
+    """Indices of the best of every shot's draws, one in FINE_SHARE, ascending."""
     order = np.lexsort((losses, shots))
     some = [order[run][: max((run.stop - run.start) // FINE_SHARE, 1)] for run in _runs(shots[order])]
     return np.sort(np.concatenate(some))
 
 
 def state_information(objective: Objective, x: Array, c: Array, shots: Index) -> Array:
-    """Of initial states (k, p) of these shots, what is known beside the samples with it: (k, p, p).
+    """Information on initial states (k, p) of these shots from samples and prior: (k, p, p).
 
-    A state that nothing determines is anywhere within its bounds.
+    An undetermined state is anywhere within its bounds.
     """
     p = x.shape[1]
     sd = np.broadcast_to(objective.prior.only(shots).sd, x.shape)
@@ -219,13 +219,13 @@ def state_information(objective: Objective, x: Array, c: Array, shots: Index) ->
 
 @cache
 def _normal_draws(unknowns: int) -> Array:
-    """Points of a standard normal distribution, evenly spread, enough for the greatest effort: (m, p)."""
-    power = int(np.ceil(np.log2(EFFORTS[-1] * (MAX_DRAWS + MORE_DRAWS))))
+    """Evenly spread points of a standard normal distribution, enough for the greatest effort: (m, p)."""
+    power = int(np.ceil(np.log2(SEARCH_EFFORTS[-1] * (MAX_DRAWS + MORE_DRAWS))))
     return np.asarray(ndtri(qmc.Sobol(unknowns, seed=0).random_base2(power)))
 
 
 def _draws(optima: Optima, information: Array, drawing: Index, first: int, count: int) -> tuple[Index, Array]:
-    """Numbers of shots and starts, so many for each: from the mixture of Gaussians about the optima of each in turn."""
+    """Indices of shots, and starts drawn for each from the mixture of Gaussians at its optima."""
     diagonal = np.sqrt(np.einsum("kpp->kp", information))
     scaled = information / (diagonal[:, :, None] * diagonal[:, None, :])
     values, vectors = np.linalg.eigh(scaled)

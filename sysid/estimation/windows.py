@@ -1,6 +1,6 @@
-"""Shots cut into windows of one impact each, which hang together: what multiple shooting needs of the clips.
+"""Shots cut into consecutive windows of one impact each, for multiple shooting.
 
-In: a `ShotProblem`. Out: `Windows`: samples, first guesses and priors of every window, and which window follows which.
+In: a `ShotProblem`. Out: `Windows`: samples, first guesses and priors of every window, and their order.
 
 A window begins between two impacts, or with its shot, and ends where the next one begins: impacts that follow each
 other within a few frames share one. Its state is that of every ball: place (2) [m], velocity (2) and R omega (3) [m/s]
@@ -24,16 +24,16 @@ from sysid.estimation.residual_rows import MOTION_SIZE, RESIDUALS_PER_SAMPLE, Me
 from sysid.estimation.shot_problem import REST_STEP, ShotProblem
 from sysid.estimation.solver.least_squares import Prior
 
-MIN_GAP_FRAMES = 6.0  # between two impacts, for a window to begin between them
-MOVING_M_S = 0.02  # slower balls rest where a window begins
-GUESS_SAMPLES = 9  # nearest to the beginning of a window, from which place and velocity are guessed
-MIN_CURVED_SAMPLES = 5  # for a parabola through them; fewer give a line
-SMEARED_FRAMES = 0.5  # next to an impact, whose samples are not used for it
+MIN_GAP_FRAMES = 6.0  # shortest time between two impacts for a window to begin between them
+MOVING_M_S = 0.02  # slower balls count as at rest where a window begins
+GUESS_SAMPLES = 9  # samples nearest to the beginning of a window that give position and velocity
+MIN_CURVED_SAMPLES = 5  # fewest samples for a parabola; fewer give a line
+SMEARED_FRAMES = 0.5  # time next to an impact whose samples are not used for the guess
 Mask = NDArray[np.bool_]
 
 
 def columns(ball: int, balls: int) -> tuple[Index, Index]:
-    """Where in a window's state place (2) and motion (5) of a ball stand, of so many balls."""
+    """Positions of a ball's place (2) and motion (5) within a window's state, for a number of balls."""
     first = 2 + MOTION_SIZE
     if ball == 0:
         return np.arange(2), np.arange(2, first)
@@ -43,7 +43,7 @@ def columns(ball: int, balls: int) -> tuple[Index, Index]:
 
 @dataclass(frozen=True)
 class Windows:
-    """All windows of all shots, those of a shot side by side and in order."""
+    """All windows of all shots, grouped by shot and in order."""
 
     data: ShotData
     shot: Index  # (w,) number of the shot
@@ -51,17 +51,17 @@ class Windows:
     hit: Mask  # (w, b) balls that have an impact in it
     moving: Mask  # (w, b) balls that move where it begins
     start: Array  # (w, p) first guess
-    prior: Prior  # (w, p) known beside the tracks: of the first window of a shot
-    travelled: Array  # (w, b, s) way of each ball from the window's beginning to its sample [m]
+    prior: Prior  # (w, p) prior knowledge, of the first window of a shot
+    travelled: Array  # (w, b, s) path length of each ball from the window's beginning to its sample [m]
 
     @property
     def balls(self) -> int:
-        """Most balls of a shot."""
+        """Largest number of balls of a shot."""
         return self.data.rest.shape[1]
 
     @cached_property
     def lengths(self) -> Index:
-        """Residuals of each window: (w,)."""
+        """Number of residuals of each window: (w,)."""
         return RESIDUALS_PER_SAMPLE * self.data.count.sum(axis=1)
 
     @cached_property
@@ -71,7 +71,7 @@ class Windows:
 
     @cached_property
     def following(self) -> tuple[Index, Index]:
-        """Windows that another follows, and those that follow: (k,), (k,)."""
+        """Windows that have a successor, and their successors: (k,), (k,)."""
         second = np.flatnonzero(~self.first)
         return second - 1, second
 
@@ -83,7 +83,7 @@ class Windows:
 
     @cached_property
     def free(self) -> Mask:
-        """What of the states is unknown: (w, p). A ball that rests has no motion, one that is not there nothing."""
+        """Which elements of the states are unknown: (w, p). A resting ball has no motion, an absent one nothing."""
         out = np.zeros(self.start.shape, bool)
         for i in range(self.balls):
             place, motion = columns(i, self.balls)
@@ -92,7 +92,7 @@ class Windows:
         return out
 
     def only(self, shots: Index) -> Windows:
-        """Those of some shots, in order."""
+        """The windows of some shots, in order."""
         rows = np.flatnonzero(np.isin(self.shot, shots))
         return Windows(
             self.data.only(rows), np.searchsorted(shots, self.shot[rows]), self.begin[rows], self.hit[rows],
@@ -137,7 +137,7 @@ def windows_of(problem: ShotProblem) -> Windows:
 
 
 def _spans(problem: ShotProblem, clip: Clip, end: float) -> list[tuple[float, float, float, float, list[int]]]:
-    """Of each window: begin and end, the impacts before and after its beginning [s], and the balls that are hit."""
+    """Begin and end of each window, the impacts before and after its beginning [s], and the balls hit."""
     clips, names = problem.clip_set, clip.order_of_balls
     tracks = onsets(clip, problem.noise, clips.fps)
     impacts = sorted(
@@ -156,7 +156,7 @@ def _spans(problem: ShotProblem, clip: Clip, end: float) -> list[tuple[float, fl
 
 
 def _guess(seen: Observation, begin: float, before: float, after: float, smeared: float) -> tuple[Array, Array]:
-    """Place (2,) and motion (5,) of a ball, taken to roll, where a window begins; no motion for one that rests."""
+    """Place (2,) and motion (5,) of a ball at the beginning of a window, assuming that it rolls, or rests."""
     k = int(np.searchsorted(seen.time, begin))
     rest = np.array([np.interp(begin, seen.time, seen.xy[:, axis]) for axis in range(2)]), np.zeros(MOTION_SIZE)
     if k in (0, len(seen.time)):
@@ -175,7 +175,7 @@ def _guess(seen: Observation, begin: float, before: float, after: float, smeared
 
 
 def _first_state(problem: ShotProblem, k: int, x: Array, size: int, places: bool = True) -> Array:
-    """Values of a shot's unknowns (p,) as the state of its first window; of others `places`, or what moves them."""
+    """A shot's unknowns (p,) as the state of its first window, with the `places` of other balls, or displacements."""
     out, most, others = np.zeros(size), problem.data.rest.shape[1], problem.rest[k]
     first = 2 + MOTION_SIZE
     out[:first] = x[:first]
@@ -204,7 +204,7 @@ def shot_states(problem: ShotProblem, windows: Windows, states: Array) -> Array:
 
 
 def _measured(problem: ShotProblem, k: int, begin: float, end: float) -> MeasuredShot:
-    """The samples of a window, and a stamp at its end that no sample has."""
+    """The samples of a window, with an additional stamp at its end."""
     clip, names = problem.clips[k], problem.balls(k)
     times, places, angles, trusts = list[Array](), list[Array](), list[Array](), list[Mask]()
     for i, name in enumerate(names):

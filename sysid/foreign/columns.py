@@ -1,6 +1,6 @@
-"""Which column is what: times, balls, places and commands by their names, one row a ball or one row a frame.
+"""The meaning of columns, by their names: times, balls, positions and commands; one row per ball or per frame.
 
-In: the `Columns` of a file. Out: `RawTrack`s, in whatever units the file has, and what the names say of units.
+In: the `Columns` of a file. Out: `RawTrack`s in the file's units, and the units that the names state.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ KNOWN_NAMES: Mapping[str, tuple[str, ...]] = {
 UNIT_IN_NAME = re.compile(r"[\s_]*[\[(]?\b(s|ms|us|mm|cm|m|in|inch|inches|ft|px|pixel|pixels|deg|rad)[\])]?$")
 UNIT_ALIASES = {"inch": "in", "inches": "in", "pixel": "px", "pixels": "px", "ms": "milliseconds", "us": "microseconds"}
 TIME_UNITS = {"s": "seconds", "milliseconds": "milliseconds", "microseconds": "microseconds"}
-NOT_BALLS = {"v", "vel", "velocity", "speed", "a", "acc", "d", "w", "min", "max", "start", "end"}  # of pairs with x, y
-MAX_SHOTS = 10_000  # of one file
-LONE_BALL = "cue"  # of a file that names no balls
+NOT_BALLS = {"v", "vel", "velocity", "speed", "a", "acc", "d", "w", "min", "max", "start", "end"}  # paired with x, y
+MAX_SHOTS = 10_000  # most shots in one file
+LONE_BALL = "cue"  # name of the ball in a file that names none
 
 
 @dataclass(frozen=True)
 class RawTrack:
-    """One ball as the file has it, in order of time."""
+    """One ball's track in the units of its file, in order of time."""
 
     time: Array  # (n,)
     xy: Array  # (n, 2)
@@ -54,18 +54,18 @@ class RawTrack:
 
 @dataclass(frozen=True)
 class RawClip:
-    """One shot as its file has it."""
+    """One shot in the units of its file."""
 
     file: str  # for messages
     balls: Mapping[str, RawTrack]
     time_unit: str | None = None  # as the columns' names say
     length_unit: str | None = None
-    cue: Mapping[str, float] = field(default_factory=dict)  # commanded, where columns hold it
+    cue: Mapping[str, float] = field(default_factory=dict)  # the command, if columns hold it
     left_out: tuple[str, ...] = ()  # columns that are not used
 
 
 def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
-    """The tracks of a file; `given` are names of columns by what they are: t, frame, ball, x, y, theta, cue.speed."""
+    """The tracks of a file; `given` maps meanings (t, frame, ball, x, y, theta, cue.speed) to names of columns."""
     for what, name in given.items():
         if what not in KNOWN_NAMES:
             raise BadInput(f"--columns {what}={name}: name one of {', '.join(KNOWN_NAMES)}")
@@ -80,7 +80,7 @@ def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
     if stamp is None or not pairs:
         missing = "time" if stamp is None else "place"
         raise BadInput(
-            f"{found.file}: no column of {listed(found.names)} is a {missing}: say which with "
+            f"{found.file}: no column of {listed(found.names)} is a {missing}: name it with "
             "--columns t=NAME,ball=NAME,x=NAME,y=NAME, or name pairs such as cue_x, cue_y"
         )
     used = {*columns.values(), *(name for pair in pairs.values() for name in pair)}
@@ -97,25 +97,25 @@ def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
 
 
 def shots_of(found: Columns, given: Mapping[str, str]) -> list[tuple[str, Columns]]:
-    """The shots of a file with their names, in order: by the column that tells them apart, where it has one."""
+    """The shots of a file with their names, in order, separated by the shot column if it has one."""
     name = given.get("shot") or _by_name(found.names, "shot")
     if name is None or name not in found.cells:
         return [("", found)]
     rows: dict[str, list[int]] = {}
     for k, cell in enumerate(found.cells[name]):
         rows.setdefault(cell.removesuffix(".0"), []).append(k)
-    if problem := excess(len(rows), MAX_SHOTS, "shots", f"say which column tells shots apart, not {shown(name)}"):
+    if problem := excess(len(rows), MAX_SHOTS, "shots", f"name the column that numbers the shots, not {shown(name)}"):
         raise BadInput(f"{found.file}: {problem}")
     return [(shot, found.rows(kept)) for shot, kept in rows.items()] if len(rows) > 1 else [("", found)]
 
 
 def _bare(name: str) -> str:
-    """A name in small letters, its words joined by _."""
+    """A name in lowercase, words joined by _."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def _unit(name: str) -> str | None:
-    """The unit that a name ends in: x_mm, Time (s)."""
+    """The unit at the end of a name, as in x_mm or Time (s)."""
     found = UNIT_IN_NAME.search(re.sub(r"_", " ", name.lower()).strip())
     return UNIT_ALIASES.get(found[1], found[1]) if found and found.start() > 0 else None
 
@@ -125,7 +125,7 @@ def _without_unit(name: str) -> str:
 
 
 def _by_name(names: Sequence[str], what: str) -> str | None:
-    """The first column that is known to be this."""
+    """The first column whose name has this meaning."""
     for known in KNOWN_NAMES[what]:
         for name in names:
             if known in (_bare(name), _without_unit(name)):
@@ -134,7 +134,7 @@ def _by_name(names: Sequence[str], what: str) -> str | None:
 
 
 def _wide(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Pairs of columns by ball: cue_x and cue_y, x1 and y1, red.x and red.y."""
+    """Pairs of x and y columns by ball: cue_x and cue_y, x1 and y1, red.x and red.y."""
     found: dict[str, dict[str, str]] = {}
     for name in names:
         plain = _without_unit(name)
@@ -147,7 +147,7 @@ def _wide(names: Sequence[str]) -> dict[str, tuple[str, str]]:
 def _tracks(
     found: Columns, stamp: str, columns: Mapping[str, str], pairs: Mapping[str, tuple[str, str]]
 ) -> dict[str, RawTrack]:
-    """Every ball's track in order of time, without rows where it was not seen."""
+    """Every ball's track in order of time, without rows in which it was not seen."""
 
     def column(name: str, most: float) -> Array:
         values = np.array(numbers(found, name))
@@ -168,7 +168,7 @@ def _tracks(
     index: dict[str, int] = {}
     cells = found.cells[columns["ball"]] if long else ("",) * len(time)
     of_row = np.array([index.setdefault(name, len(index)) for name in cells], np.int64)
-    hint = f"say which column tells the balls apart with --columns ball=NAME, not {columns.get('ball', '')!r}"
+    hint = f"name the column of balls with --columns ball=NAME, not {columns.get('ball', '')!r}"
     if problem := excess(max(len(index), len(pairs)), MAX_BALLS, "balls", hint):
         raise BadInput(f"{found.file}: {problem}")
     tracks = {}
@@ -183,25 +183,25 @@ def _tracks(
             if len(twice):
                 line = found.line(int(rows[twice[0] + 1]))
                 raise BadInput(
-                    f"{found.file}, row {line}: ball {name!r} is there twice at one time: keep "
-                    "one row; where there are several shots, say which column tells them apart with --columns shot=NAME"
+                    f"{found.file}, row {line}: ball {name!r} appears twice at one time: keep "
+                    "one row; if there are several shots, name the column that numbers them with --columns shot=NAME"
                 )
             if len(rows):
                 angle = theta[rows] if len(pairs) == 1 else np.full(len(rows), math.nan)
                 tracks[name] = RawTrack(time[rows], xy[rows], angle)
     if not tracks:
-        raise BadInput(f"{found.file}: holds no place of a ball: name the tracker's file")
+        raise BadInput(f"{found.file}: holds no position of a ball: name the tracker's file")
     return tracks
 
 
 def _ball_name(text: str) -> str:
-    """Numbers are called balls."""
+    """A ball's name; numbers become names such as ball1."""
     text = text.removesuffix(".0")
     return f"ball {text}" if text.isdigit() else text or LONE_BALL
 
 
 def _commands(found: Columns, columns: Mapping[str, str]) -> dict[str, float]:
-    """What was commanded, where columns hold one value of it [m/s, rad, m]."""
+    """The command of the cue, if columns hold a single value of each quantity [m/s, rad, m]."""
     cue = {}
     for what, name in columns.items():
         if not what.startswith("cue."):

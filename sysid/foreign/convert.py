@@ -1,9 +1,9 @@
 """Tracks of other programs as a clip set: unit, origin and axes, the struck ball and its strike.
 
-In: files and what is stated of them. Out: `Imported`: the clip set, and what was taken for granted, in words.
+In: files and what is stated about them. Out: `Imported`: the clip set, and the assumptions in words.
 
-What is not stated is looked for in the tracks (sysid/clips/readings.py). Where two readings are as likely, none is
-chosen: the options that settle it are named.
+What is not stated is inferred from the tracks (sysid/clips/readings.py). If two readings are equally likely, neither is
+chosen, and the error names the options that decide.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
 
-PIXELS_REMEDY = "; where they are pixels, give --camera CAM.toml (made with: sysid calibrate)"
-RIVAL_COVERAGE = 0.5  # of the likeliest reading's, by one that may be right as well
+PIXELS_REMEDY = "; if they are pixels, give --camera CAM.toml (made with: sysid calibrate)"
+RIVAL_COVERAGE = 0.5  # least coverage of a competing reading, over that of the likeliest one
 
 
 @dataclass(frozen=True)
 class Stated:
-    """What is known of the files; None where it is looked for in the tracks."""
+    """Stated properties of the files; None if they are to be inferred from the tracks."""
 
     unit: str | None = None
     corner: bool | None = None
@@ -62,20 +62,20 @@ class Stated:
     turned: bool | None = None
     time: str | None = None
     fps: float | None = None
-    nominal_fps: float | None = None  # as it was stated, which stamps may contradict
+    nominal_fps: float | None = None  # frame rate as stated, which stamps may contradict
     struck: str | None = None
-    running: bool = False  # tracks that begin with a ball in motion show no strike
+    running: bool = False  # whether tracks that begin with a ball in motion show no strike
     columns: Mapping[str, str] = field(default_factory=dict)
 
     def for_pixels(self) -> bool | None:
-        """Whether y points down in pictures; BadInput where something is stated that a camera's file says."""
+        """Whether y points down in pictures; BadInput if something is stated that the camera's file determines."""
         apart = {"unit": self.unit, "origin": self.corner, "x-along": self.exchanged, "turned": self.turned}
         for option in (name for name, value in apart.items() if value is not None):
-            raise BadInput(f"--{option}: the camera's file places pixels on the table; leave one of the two out")
+            raise BadInput(f"--{option}: the camera's file determines this; omit one of the two")
         return self.y_down
 
     def readings(self, unit: str | None) -> list[Reading]:
-        """Those that fit what is stated, and the unit that the columns are named in."""
+        """The readings that are consistent with the statements and the unit in the columns' names."""
         units = [self.unit or unit] if self.unit or unit else list(METRES_BY_UNIT)
         corners = [False, True] if self.corner is None else [self.corner]
         exchanged = [False, True] if self.exchanged is None else [self.exchanged]
@@ -87,7 +87,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class ShotFile:
-    """What is known of one file beside its tracks, where a clip set says it."""
+    """Known properties of one file besides its tracks, from a clip set."""
 
     file: str  # of the clip to be written
     struck: str | None = None
@@ -99,7 +99,7 @@ class ShotFile:
 
 @dataclass(frozen=True)
 class Imported:
-    """The clip set, what was understood, and what nothing in the tracks determines."""
+    """The clip set, how the files were read, and assumptions that the tracks do not determine."""
 
     clip_set: ClipSet
     says: tuple[str, ...]
@@ -114,18 +114,18 @@ def import_files(
     stated: Stated,
     pixels: Pixels | None = None,
 ) -> Imported:
-    """Convert one file a shot.
+    """Convert the files of a tracker, each of one shot or of several.
 
     Args:
         files: of the tracker.
-        shots: what is known of each.
+        shots: known properties of each.
         table: from nose to nose.
         ball: of the table.
-        stated: what is known of the files.
-        pixels: where coordinates are pixels, how they become places.
+        stated: properties that the user stated.
+        pixels: conversion of pixels to positions, if coordinates are pixels.
 
     Raises:
-        BadInput: what is wrong with a file, or the option that settles a doubt.
+        BadInput: a faulty file, or an ambiguity, with the option that resolves it.
     """
     raw, shots = _read(files, shots, stated.columns)
     clock = read_clock(raw, stated.time, stated.fps, stated.nominal_fps)
@@ -151,10 +151,10 @@ def import_files(
 def _read(
     files: Sequence[Path], shots: Sequence[ShotFile], columns: Mapping[str, str]
 ) -> tuple[list[RawClip], list[ShotFile]]:
-    """The shots of all files; those of one long table each with a name of its own."""
+    """The shots of all files; shots of one table get a file name each."""
     raw, named = list[RawClip](), dict[str, ShotFile]()
     for file, shot in zip(files, shots, strict=True):
-        own = shot.struck is not None or shot.running  # of a clip set, whose files hold a shot each
+        own = shot.struck is not None or shot.running  # from a clip set, whose files hold one shot each
         found = read_columns(file)
         parts = [("", found)] if own else shots_of(found, columns)
         width = max(len(name) for name, _ in parts)
@@ -172,7 +172,7 @@ def _read(
 
 
 def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -> Clip:
-    """A clip in seconds, its coordinates as they were."""
+    """A clip with times in seconds and unchanged coordinates."""
     start = min(float(one.time[0]) for one in raw.balls.values())
 
     def seen(one: RawTrack) -> Observation:
@@ -181,13 +181,13 @@ def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -
     balls = {name: seen(one) for name, one in raw.balls.items()}
     struck = struck or shot.struck or ""
     if struck and struck not in balls:
-        raise BadInput(f"{raw.file}: has no ball {struck!r} to be struck; it has {', '.join(balls)}")
+        raise BadInput(f"{raw.file}: has no ball {struck!r} that could be struck; it has {', '.join(balls)}")
     cue = shot.cue or (CueCommand(**raw.cue) if raw.cue else None)
     return Clip(shot.file, struck, balls, cue, shot.note, shot.extra)
 
 
 def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[str]]:
-    """The clip set in metres from the table's centre, in words how, and what is only assumed."""
+    """The clip set in metres from the table's centre, a description of the conversion, and assumptions."""
     if "px" in (stated.unit, unit):
         raise BadInput("coordinates are in pixels: give the camera's file with --camera (made with: sysid calibrate)")
     among = stated.readings(unit)
@@ -202,8 +202,8 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     settled = stated.unit or unit or (bool(fits) and fits[0].shows_scale)
     if not settled and may_be_pixels(clip_set):
         raise BadInput(
-            f"{_extents(clip_set)}: {best.looks()}, or pixels? no cushion and no ball's size tells; "
-            f"where they are lengths, give --unit {best.unit}{PIXELS_REMEDY}"
+            f"{_extents(clip_set)}: {best.looks()}, or pixels? neither cushions nor ball sizes decide; "
+            f"if they are lengths, give --unit {best.unit}{PIXELS_REMEDY}"
         )
     reading = best
     if stated.y_down is None or stated.turned is None:
@@ -214,29 +214,29 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     assumed = []
     if reading == best and stated.y_down is None and not _has_commands(clip_set):
         assumed.append(
-            "y is taken to point up, as x, y and up are right-handed: nothing in the tracks shows it; where y is "
+            "y is taken to point up, so that x, y and up are right-handed; the tracks do not show it. If y is "
             "counted downwards, as in pictures, give --y down, or sidespin changes its sign"
         )
     return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
 
 
 def _only_possible(clip_set: ClipSet, among: Sequence[Reading], stated_unit: str | None) -> ReadingEvidence:
-    """Of short tracks, which speak for no reading, the one that puts them on the table; BadInput where not one does."""
+    """The reading that puts short tracks on the table; BadInput if none does."""
     possible, extents = possible_readings(clip_set, among), _extents(clip_set)
     if not possible:
         raise BadInput(
-            f"{extents}, which as lengths fits no table {_size(clip_set.table)}: correct --table, --unit, --origin or "
+            f"{extents}, which fits no table {_size(clip_set.table)} in any unit: correct --table, --unit, --origin or "
             "--x-along; pixels need --camera (made with: sysid calibrate)"
         )
     if len(possible) > 1:
         ask = _ask([one.reading for one in possible])
         pixels = "" if stated_unit or not may_be_pixels(clip_set) else PIXELS_REMEDY
-        raise BadInput(f"{extents}: too little of the table to tell how they are meant; {ask}{pixels}")
+        raise BadInput(f"{extents}: too small a part of the table to infer the units; {ask}{pixels}")
     return possible[0]
 
 
 def _how(reading: Reading) -> str:
-    """How coordinates are read."""
+    """A description of how coordinates are read."""
     words = [f"lengths in {UNIT_NAMES.get(reading.unit, reading.unit)}"]
     words.append(f"origin in {'a corner' if reading.corner else 'the centre'}")
     words.append(f"x along the {'width' if reading.exchanged else 'length'}")
@@ -245,7 +245,7 @@ def _how(reading: Reading) -> str:
 
 
 def _because(fits: Sequence[ReadingEvidence]) -> str:
-    """What speaks for the likeliest reading."""
+    """The evidence for the likeliest reading, in words."""
     if not fits:
         return " (as stated)"
     first = fits[0]
@@ -256,12 +256,12 @@ def _because(fits: Sequence[ReadingEvidence]) -> str:
 
 
 def _rivals(one: ReadingEvidence, best: ReadingEvidence) -> bool:
-    """Whether another reading may be right as well."""
+    """Whether another reading may also be right."""
     return one.support >= best.support and one.coverage >= RIVAL_COVERAGE * best.coverage
 
 
 def _ask(readings: Sequence[Reading]) -> str:
-    """The options that settle which reading is right."""
+    """A request for the options that decide which reading is right."""
     options = []
     if len({one.unit for one in readings}) > 1:
         options.append("--unit " + "|".join(dict.fromkeys(one.unit for one in readings)))
@@ -269,7 +269,7 @@ def _ask(readings: Sequence[Reading]) -> str:
         options.append("--origin centre|corner")
     if len({one.exchanged for one in readings}) > 1:
         options.append("--x-along length|width")
-    return f"say so with {', '.join(options)}"
+    return f"state it with {', '.join(options)}"
 
 
 def _extents(clip_set: ClipSet) -> str:
@@ -296,7 +296,7 @@ def _struck(clip: Clip) -> str:
 
 
 def _is_running(clip: Clip, shot: ShotFile, stated: Stated, sigma: float) -> bool:
-    """Whether a clip shows no strike: as stated, or since several balls move from its first sample on."""
+    """Whether a clip shows no strike: as stated, or because several balls move from its first sample on."""
     if shot.running or clip.cue is not None:
         return shot.running
     moving = starts_moving(clip, sigma)
@@ -304,22 +304,22 @@ def _is_running(clip: Clip, shot: ShotFile, stated: Stated, sigma: float) -> boo
 
 
 def _begun(clip: Clip, clip_set: ClipSet, sigma: float) -> Clip:
-    """A running clip, see sysid/clips/running.py."""
+    """The clip as a running one, see sysid/clips/running.py."""
     found = begun(clip, clip_set, sigma)
     if found is None:
-        raise BadInput(f"{clip.file}: no ball moves for {MIN_RUNNING_SAMPLES} samples: leave its file out")
+        raise BadInput(f"{clip.file}: no ball moves for {MIN_RUNNING_SAMPLES} samples: omit its file")
     return found
 
 
 def _about(clip_set: ClipSet, before: Sequence[Clip], raw: Sequence[RawClip]) -> list[str]:
-    """What was struck, left out and not used."""
+    """Lines on struck balls, samples left out, and unused columns."""
     struck = Counter(clip.struck for clip in clip_set.clips if not clip.running)
     says = ["struck: " + ", ".join(f"{name} in {count}" for name, count in struck.most_common())] if struck else []
     line = running_line(clip_set.clips)
     says += [line] if line else []
     pairs = zip(clip_set.clips, before, strict=True)
     late = sum(clip.origin > one.origin for clip, one in pairs if not clip.running)
-    says += [f"{late} clips began before the strike: that is left out"] if late else []
+    says += [f"{late} clips began before the strike: samples before it are left out"] if late else []
     unused = list(dict.fromkeys(name for one in raw for name in one.left_out))
     says += [f"columns not used: {', '.join(unused)}"] if unused else []
     commanded = sum(clip.cue is not None for clip in clip_set.clips)

@@ -1,7 +1,8 @@
-"""Tracks in pixels as places on the table, by a camera; y from the first row downwards, or from the last one upwards.
+"""Tracks in pixels converted to table coordinates by a camera, with y counted downwards or upwards.
 
-Trackers count y either way. What speaks for one is counted as for lengths (sysid/clips/readings.py): rebounds at the
-cushions, balls that meet a diameter apart, and commanded azimuths. A camera straight above may leave both as likely.
+Trackers count y either way. The evidence is the same as for lengths (sysid/clips/readings.py): rebounds at the
+cushions, impacts of balls a diameter apart, and commanded azimuths. With a camera straight above, both may be equally
+likely.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from sysid.clips.readings import Reading, weighed
 
 @dataclass(frozen=True)
 class Pixels:
-    """How coordinates in a picture become places on the table."""
+    """The conversion of coordinates in a picture to positions on the table."""
 
     centres: Callable[[Array], Array]  # (n, 2) [pixels], y from the first row downwards -> (n, 2) [m]
     height: int  # of the picture [pixels]
 
 
 def seen_through(pixels: Pixels, clip_set: ClipSet, y_down: bool | None) -> tuple[ClipSet, str, list[str]]:
-    """Pixels as places on the table, in words how, and what is only assumed; `y_down` None where it is looked for."""
-    says = "pixels, placed on the table by the camera's file, y counted"
+    """The clip set in table coordinates, a description, and assumptions; `y_down` is None if it is to be inferred."""
+    says = "pixels, converted by the camera's file, y counted"
     read = {down: _placed(pixels, clip_set, down) for down in (True, False)}
     words = {True: "downwards from the first row", False: "upwards from the last row"}
     if y_down is not None:
@@ -37,14 +38,14 @@ def seen_through(pixels: Pixels, clip_set: ClipSet, y_down: bool | None) -> tupl
     fits = {down: _support(one) for down, one in read.items()}
     best = fits[True] >= fits[False]
     assumed = (
-        "y is taken to point down, as in pictures: counted upwards from the last row, the tracks fit the table as "
-        "well; where it is, give --y up, or sidespin changes its sign"
+        "y is taken to point down, as in pictures; counted upwards from the last row, the tracks fit the table as "
+        "well. If it is, give --y up, or sidespin changes its sign"
     )
     return read[best], f"{says} {words[best]}", [assumed] if fits[True] == fits[False] else []
 
 
 def _support(clip_set: ClipSet) -> float:
-    """How much speaks for a reading: commands beyond all else."""
+    """Sort key of a reading's evidence, commands first."""
     pairs, seen = aims(clip_set), weighed(clip_set, Reading())
     if pairs is not None and off_aim(pairs) < FITTING_TURN:
         return math.inf

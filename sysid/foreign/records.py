@@ -17,29 +17,29 @@ from models.files import limits, parse, read_text
 from models.files.documents import file_problem
 from models.files.faults import Faults, shown
 from models.files.limits import excess
-from models.files.tables import NARROWER, SMALLER, csv_rows
+from models.files.tables import COLUMNS_REMEDY, SPLIT_REMEDY, csv_rows
 from models.files.texts import TextPacker
 
 COLUMN_SEPARATORS = ",;\t|"
-REMEDY = "name a CSV, JSON or Parquet file"
+FILE_REMEDY = "name a CSV, JSON or Parquet file"
 PARQUET_BATCH_ROWS = 4096
-PLACE_NAMES = ("xy", "pos", "position", "center", "centre", "point", "location")  # of pairs (x, y)
-MAX_SAID_CHARS = 120  # of what a library says of a file
-MAKE_AGAIN = "save it again, or as CSV"
+PLACE_NAMES = ("xy", "pos", "position", "center", "centre", "point", "location")  # names of columns of pairs (x, y)
+MAX_SAID_CHARS = 120  # longest quotation of a library's message
+MAKE_AGAIN = "save it again, or save it as CSV"
 GROUP_KEYS = ("balls", "tracks", "objects", "detections", "frames", "data", "samples", "points", "shots", "positions")
 
 
 @dataclass(frozen=True)
 class Columns:
-    """A table of cells as texts, all columns of one length; an empty text where there is no value."""
+    """A table of cells as texts, all columns of one length; an empty text stands for no value."""
 
     file: str
     cells: Mapping[str, Sequence[str]]
-    first_line: int = 2  # of the first row, for messages
-    lines: Sequence[int] = ()  # of each row, where they are not one after the other
+    first_line: int = 2  # line of the first row, for messages
+    lines: Sequence[int] = ()  # line of each row, if rows are not on consecutive lines
 
     def line(self, row: int) -> int:
-        """The line of a row, counted from 0."""
+        """The line of a row; rows count from 0."""
         return self.lines[row] if self.lines else row + self.first_line
 
     def rows(self, kept: Sequence[int]) -> Columns:
@@ -49,25 +49,25 @@ class Columns:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns."""
+        """Number of rows."""
         return tuple(self.cells)
 
 
 def read_columns(path: Path) -> Columns:
-    """The columns of a file; BadInput where it has none."""
+    """Read the columns of a file; BadInput if it has none."""
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".pq"):
         return Columns(str(path), _parquet(path))
     if suffix == ".json" or _looks_like_json(path):
         faults = Faults()
-        text = faults.settle(read_text(path, str(path), faults, REMEDY, limits.MAX_TRACKS_JSON_BYTES))
+        text = faults.settle(read_text(path, str(path), faults, FILE_REMEDY, limits.MAX_TRACKS_JSON_BYTES))
         return Columns(str(path), _json(text, str(path)), 1)
     return _csv(path)
 
 
 def _looks_like_json(path: Path) -> bool:
-    """Whether a file that may be read begins as JSON does."""
-    if file_problem(path, REMEDY, limits.MAX_TABLE_BYTES):
+    """Whether a readable file begins as JSON does."""
+    if file_problem(path, FILE_REMEDY, limits.MAX_TABLE_BYTES):
         return False
     try:
         with path.open("rb") as file:
@@ -77,10 +77,10 @@ def _looks_like_json(path: Path) -> bool:
 
 
 def _csv(path: Path) -> Columns:
-    """Of a CSV: lines that begin with # are remarks, and a comma may be the decimal one beside other separators."""
+    """Columns of a CSV; lines beginning with # are comments, and with another separator the comma may be decimal."""
     file, head, first_line = str(path), list[str](), 2
     packers: list[TextPacker] = []
-    rows = csv_rows(path, file, Faults(), REMEDY, separators=COLUMN_SEPARATORS, remarks=True)
+    rows = csv_rows(path, file, Faults(), FILE_REMEDY, separators=COLUMN_SEPARATORS, remarks=True)
     for line, row in rows:
         if not head:
             head, first_line = [name.strip().lstrip("\ufeff") for name in row], line + 1
@@ -88,7 +88,7 @@ def _csv(path: Path) -> Columns:
                 raise BadInput(f"{file}: row {line} names no columns, or some twice: begin with a row of names")
             packers = [TextPacker() for _ in head]
         elif len(row) != len(head):
-            raise BadInput(f"{file}, row {line}: {len(row)} cells where {len(head)} columns are named: complete it")
+            raise BadInput(f"{file}, row {line}: {len(row)} cells, but {len(head)} columns are named: complete it")
         else:
             for packer, cell in zip(packers, row, strict=True):
                 cell = cell.strip()
@@ -99,7 +99,7 @@ def _csv(path: Path) -> Columns:
 
 
 def _decimal(cell: str) -> str:
-    """A number with a decimal comma as one with a point."""
+    """The text of a number with a decimal point instead of a comma."""
     changed = cell.replace(",", ".")
     try:
         float(changed)
@@ -117,51 +117,50 @@ def _parquet(path: Path) -> dict[str, Sequence[str]]:
         raise BadInput(
             f"{path}: Parquet needs pyarrow: pip install 'cuelab[parquet]', or save the file as CSV"
         ) from error
-    if problem := file_problem(path, REMEDY, limits.MAX_TABLE_BYTES) or _long_head(path):
+    if problem := file_problem(path, FILE_REMEDY, limits.MAX_TABLE_BYTES) or _long_head(path):
         raise BadInput(f"{path}: {problem}")
     try:
         return _parquet_columns(pyarrow, path)
     except BadInput:
         raise
-    except (OSError, pyarrow.ArrowException, OverflowError, ValueError) as error:  # dates that no calendar has
+    except (OSError, pyarrow.ArrowException, OverflowError, ValueError) as error:  # OverflowError: invalid dates
         said = one_line(" ".join(str(error).split()).split(". ")[0].removesuffix("."))
         said = said if len(said) <= MAX_SAID_CHARS else f"{said[:MAX_SAID_CHARS]} ..."
-        raise BadInput(f"{path}: is not a sound Parquet file ({said}): {MAKE_AGAIN}") from error
+        raise BadInput(f"{path}: is damaged, or not a Parquet file ({said}): {MAKE_AGAIN}") from error
 
 
 def _long_head(path: Path) -> str:
-    """What is wrong with the length of what a Parquet file says of itself, which its end gives."""
+    """The fault of a Parquet file's metadata by its length, which stands at the file's end; "" if there is none."""
     try:
         with path.open("rb") as file:
             file.seek(max(path.stat().st_size - 8, 0))
             end = file.read(8)
     except OSError as error:
-        return f"cannot be read ({error.strerror}): {REMEDY}"
+        return f"cannot be read ({error.strerror}): {FILE_REMEDY}"
     if len(end) < 8 or end[4:] != b"PAR1":
         return f"does not end as a Parquet file does: {MAKE_AGAIN}"
     size = int.from_bytes(end[:4], "little")
-    return excess(size, limits.MAX_PARQUET_HEAD_BYTES, "MB of description", NARROWER, 1 << 20)
+    return excess(size, limits.MAX_PARQUET_HEAD_BYTES, "MB of description", COLUMNS_REMEDY, 1 << 20)
 
 
 def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
-    """The columns of a Parquet file; what it says of their sizes, and their longest texts, are looked at before."""
+    """Read the columns of a Parquet file, after a check of the sizes in its metadata and of its longest texts."""
     with pyarrow.parquet.ParquetFile(path) as plain:
-        # What it says of single columns is not asked for: where that is damaged, pyarrow ends the whole process.
+        # The metadata of single columns are not read: if they are damaged, pyarrow aborts the whole process.
         about, schema = plain.metadata, plain.schema_arrow
         groups = [about.row_group(k) for k in range(about.num_row_groups)]
     problem = (
-        excess(about.num_columns, limits.MAX_COLUMNS, "columns", NARROWER)
-        or excess(about.num_rows, limits.MAX_ROWS, "rows", SMALLER)
-        or excess(about.num_rows * about.num_columns, limits.MAX_CELLS, "cells", SMALLER)
+        excess(about.num_columns, limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY)
+        or excess(about.num_rows, limits.MAX_ROWS, "rows", SPLIT_REMEDY)
+        or excess(about.num_rows * about.num_columns, limits.MAX_CELLS, "cells", SPLIT_REMEDY)
         or excess(
-            sum(max(group.total_byte_size, 0) for group in groups), limits.MAX_TABLE_BYTES, "MB unpacked", SMALLER,
+            sum(max(group.total_byte_size, 0) for group in groups), limits.MAX_TABLE_BYTES, "MB unpacked", SPLIT_REMEDY,
             1 << 20,
         )
     )  # fmt: skip
     if problem:
         raise BadInput(f"{path}: {problem}")
-    # Texts stay as the file has them, each once however often it is there: a small file may hold a long one for
-    # every row.
+    # Texts stay dictionary-encoded, each stored once: a small file may hold a long one for every row.
     names = [field.name for field in schema if pyarrow.types.is_string(field.type) or _is_bytes(pyarrow, field.type)]
     packers = {name: TextPacker() for name in schema.names}
     with pyarrow.parquet.ParquetFile(path, read_dictionary=names) as file:
@@ -171,7 +170,7 @@ def _parquet_columns(pyarrow: Any, path: Path) -> dict[str, Sequence[str]]:
                     raise BadInput(f"{path}, column {shown(name)}: {problem}")
                 packers[name].extend([_text(value) for value in column.to_pylist()])
             size = sum(packer.size for packer in packers.values())
-            if problem := excess(size, limits.MAX_CELL_BYTES, "MB of texts", SMALLER, 1 << 20):
+            if problem := excess(size, limits.MAX_CELL_BYTES, "MB of texts", SPLIT_REMEDY, 1 << 20):
                 raise BadInput(f"{path}: {problem}")
     return {name: packer.texts() for name, packer in packers.items()}
 
@@ -181,12 +180,12 @@ def _is_bytes(pyarrow: Any, kind: Any) -> bool:
 
 
 def _long_text(pyarrow: Any, column: Any) -> str:
-    """What is wrong with the longest text of a column, and with what its rows hold where they hold lists."""
+    """The fault of a column by its longest text, or by the size of its lists; "" if there is none."""
     if pyarrow.types.is_dictionary(column.type):
         column = column.dictionary
     if pyarrow.types.is_string(column.type) or _is_bytes(pyarrow, column.type):
         longest = pyarrow.compute.max(pyarrow.compute.binary_length(column)).as_py() or 0
-        return excess(longest, limits.MAX_CELL_CHARS, "characters in a cell", "leave that column out")
+        return excess(longest, limits.MAX_CELL_CHARS, "characters in a cell", "remove that column")
     if pyarrow.types.is_nested(column.type):
         return excess(column.nbytes, limits.MAX_CELL_CHARS * max(len(column), 1), "bytes in lists", "leave it out")
     return ""
@@ -202,12 +201,12 @@ def _json(text: str, file: str) -> dict[str, Sequence[str]]:
         for name, value in record.items():
             if name not in packers:
                 packers[name] = TextPacker()
-                _within(file, len(packers), limits.MAX_COLUMNS, "columns", NARROWER)
+                _within(file, len(packers), limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY)
             packers[name].pad(count)
             packers[name].add(_text(value))
         count += 1
         if count > limits.MAX_ROWS or count * len(packers) > limits.MAX_CELLS:
-            _within(file, count, min(limits.MAX_ROWS, limits.MAX_CELLS // len(packers)), "rows", SMALLER)
+            _within(file, count, min(limits.MAX_ROWS, limits.MAX_CELLS // len(packers)), "rows", SPLIT_REMEDY)
     if not packers:
         raise BadInput(
             f"{file}: holds no rows: write a list of objects such as " + '{"t": 0, "ball": "cue", "x": 0, "y": 0}'
@@ -218,13 +217,13 @@ def _json(text: str, file: str) -> dict[str, Sequence[str]]:
 
 
 def _within(file: str, count: int, most: int, what: str, remedy: str) -> None:
-    """BadInput for more than a file may hold."""
+    """Raise BadInput if a file holds more than the limit."""
     if problem := excess(count, most, what, remedy):
         raise BadInput(f"{file}: {problem}")
 
 
 def _records(data: Any, known: Mapping[str, Any], file: str) -> Iterator[dict[str, Any]]:
-    """Rows of nested lists and objects: an inner one has what the outer ones say, and the name it is known by."""
+    """Rows of nested lists and objects: an inner one inherits the outer entries, and the key it is stored under."""
     if isinstance(data, list):
         for item in data:
             yield from _records(item, known, file)
@@ -237,7 +236,7 @@ def _records(data: Any, known: Mapping[str, Any], file: str) -> Iterator[dict[st
     inner = {key: value for key, value in inner.items() if key not in pairs}
     own = {key: value for key, value in data.items() if not isinstance(value, dict | list)}
     own = {**known, **own, **{axis: v for pair in pairs.values() for axis, v in zip("xy", pair, strict=True)}}
-    _within(file, len(own) + len(columns), limits.MAX_COLUMNS, "columns", NARROWER)  # each row has them all
+    _within(file, len(own) + len(columns), limits.MAX_COLUMNS, "columns", COLUMNS_REMEDY)  # each row has them all
     if columns and len({len(column) for column in columns.values()}) == 1:
         for row in zip(*columns.values(), strict=True):
             yield {**own, **dict(zip(columns, row, strict=True))}
@@ -253,7 +252,7 @@ def _is_flat(values: list[Any]) -> bool:
 
 
 def _text(value: Any) -> str:
-    """A cell as text; empty for none."""
+    """A cell as text; empty for no value."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ""
     return repr(value) if isinstance(value, float) else str(value)

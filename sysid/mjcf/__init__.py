@@ -1,10 +1,10 @@
-"""A model as plain MJCF, for any MuJoCo and without code of ours.
+"""A model as plain MJCF, for any MuJoCo, without our code.
 
 In: a `Model`. Out: a `PlainTable`: the text of a file, and what it leaves out, in mm.
 
-    said        what MJCF says of effects: slope, noses, rails, the struck ball
-    player      shots in such a file, moved by MuJoCo alone
+    said        effects that MJCF can express: slope, noses, rails, the struck ball
+    player      shots played from such a file by MuJoCo alone
     terms       MuJoCo's own contact terms, fitted to the model
-    costs       what that leaves out, by cause
+    costs       the error of what is left out, by cause
     table       the file
 """

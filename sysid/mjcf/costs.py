@@ -1,10 +1,10 @@
-"""What a plain file leaves out of a model's motion, in metres, by cause.
+"""The error of a plain file relative to its model, in metres, by cause.
 
-In: a model and the native terms of its file. Out: `Cost`s, the median over shots of how far the struck ball is away.
+In: a model and the native terms of its file. Out: `Cost`s: median distance of the struck ball over shots.
 
-Causes are left out one at a time. The cloth gives way to MuJoCo's contact in models/mujoco, where impacts stay as they
-are; each impact of a kind is played in the file, and what is between them by the model; an effect that a file does not
-say is taken away. They do not add up to what is lost all together, the distance between the model and the file.
+Causes are tested one at a time. For the cloth, MuJoCo's contact replaces it in models/mujoco, where impacts are
+unchanged; for a kind of impact, each one is played in the file and the motion between by the model; an effect that a
+file cannot express is removed. The costs do not add up to the total, the distance between the model and the file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from models.model_file import Model
 from models.shot import Array, Shot, Track
 from models.simulation.simulate import simulate
 from sysid.mjcf.player import play_plain
-from sysid.mjcf.said import SAID, is_said, without
+from sysid.mjcf.said import EXPRESSIBLE, is_expressible, without
 from sysid.mjcf.terms import FittedTerms
 from sysid.validation.match import SETTLING_TIME_S
 from sysid.validation.shots import LEAD_TIME_S, two_ball_shots
@@ -29,7 +29,7 @@ from sysid.validation.shots import LEAD_TIME_S, two_ball_shots
 log = logging.getLogger(__name__)
 SHOTS, SECONDS = 200, 4.0
 ALL_TOGETHER = "all together"
-OF_CONTACTS = {  # what MuJoCo's contacts cannot do, by what an effect takes over
+OF_CONTACTS = {  # limits of MuJoCo's contacts, by the contact that an effect replaces
     "cloth": "MuJoCo's cloth, where sliding, rolling and turning share one friction",
     "ball": "MuJoCo's impacts between balls, in the shots that have one",
     "cushion": "MuJoCo's impacts at cushions, in the shots that have one",
@@ -38,19 +38,19 @@ OF_CONTACTS = {  # what MuJoCo's contacts cannot do, by what an effect takes ove
 
 @dataclass(frozen=True)
 class Cost:
-    """By how much something that a file leaves out moves the struck ball."""
+    """The displacement of the struck ball by something that a file leaves out."""
 
     cause: str
     median_m: float
 
 
 def taken_over(effect: Effect) -> str:
-    """Which contact of MuJoCo's an effect takes over, of OF_CONTACTS; "" for none."""
+    """The contact of MuJoCo's that an effect replaces, a key of OF_CONTACTS; "" for none."""
     return "cloth" if effect.slot == "cloth" else effect.resolves
 
 
 def costs_of(model: Model, terms: FittedTerms) -> tuple[Cost, ...]:
-    """What the file of a model leaves out of its motion: all together, then by cause, the largest first; or nothing."""
+    """Costs of the file of a model: in total, then by cause, the largest first; empty if nothing is left out."""
     if not left_out(model) and not any(map(taken_over, model.stack()[1:])):
         return ()
     model = dataclasses.replace(model, table=dataclasses.replace(model.table, pockets=False), native=terms.native)
@@ -66,8 +66,8 @@ def costs_of(model: Model, terms: FittedTerms) -> tuple[Cost, ...]:
     whole = ends(model, "the model")
     log.info("%d shots: the file", len(shots))
     found = [Cost(ALL_TOGETHER, _apart(_ends(play_plain(model, shots, terms.of_rails)), whole))]
-    level = without(model, SAID)
-    flat = whole if level.effects == model.effects else ends(level, "the model without what the file says")
+    level = without(model, EXPRESSIBLE)
+    flat = whole if level.effects == model.effects else ends(level, "the model without the effects in the file")
     parts = []
     for contact, cause in OF_CONTACTS.items():
         own = [e.name() for e in level.stack()[1:] if taken_over(e) == contact]
@@ -85,7 +85,7 @@ def costs_of(model: Model, terms: FittedTerms) -> tuple[Cost, ...]:
 
 
 def _ends_with_impacts(model: Model, shots: Sequence[Shot], kind: str, terms: FittedTerms) -> Array:
-    """Where struck balls end if the file plays every impact of a kind, the model the rest: (n, 2) [m]; nan without."""
+    """Ends of struck balls if the file plays impacts of a kind and the model the rest: (n, 2) [m], nan if none."""
     ends, going = np.full((len(shots), 2), np.nan), np.arange(len(shots))
     now, whole = list(shots), np.array([shot.times[-1] for shot in shots])
     left = whole.copy()
@@ -113,18 +113,18 @@ def _until(shot: Shot, end: float) -> Shot:
 
 
 def _from_end(shot: Shot, track: Track) -> Shot:
-    """A shot that goes on from where a track ends."""
+    """The shot that continues from the end of a track."""
     position, velocity, spin = (getattr(track, key)[-1] for key in ("position", "velocity", "spin"))
     return dataclasses.replace(shot, position=position, velocity=velocity, spin=spin, struck=False)
 
 
 def left_out(model: Model) -> tuple[Effect, ...]:
-    """Effects of the motion that neither MJCF says nor MuJoCo's contacts stand for."""
-    return tuple(e for e in model.stack()[1:] if moves_balls(e) and not is_said(e) and not taken_over(e))
+    """Effects on the motion that neither MJCF nor MuJoCo's contacts can express."""
+    return tuple(e for e in model.stack()[1:] if moves_balls(e) and not is_expressible(e) and not taken_over(e))
 
 
 def moves_balls(effect: Effect) -> bool:
-    """Whether it changes the motion, and not only what is seen of it."""
+    """Whether an effect changes the motion, not only the camera's report."""
     return effect.opens("forces", "horizon", "impact", "strike", "edit")
 
 
@@ -133,5 +133,5 @@ def _ends(tracks: Sequence[Track]) -> Array:
 
 
 def _apart(one: Array, two: Array) -> float:
-    """Median distance of places (n, 2) [m], of those that are known."""
+    """Median distance between positions (n, 2) [m], without unknown ones."""
     return float(np.nanmedian(np.hypot(*(one - two).T)))

@@ -1,4 +1,4 @@
-"""Shots in plain MJCF, moved by MuJoCo alone, at the file's own step.
+"""Shots played in plain MJCF by MuJoCo alone, at the file's own time step.
 
 In: models, whose native terms may differ from shot to shot. Out: `Track`s without events.
 """
@@ -20,7 +20,7 @@ from sysid.mjcf.said import plain_spec
 def play_plain(model: Model, shots: Sequence[Shot], rail_terms: Mapping[str, Native] | None = None) -> list[Track]:
     """The tracks of shots of the same balls and times, on the file of a model.
 
-    Native terms are numbers, or (len(shots),) arrays; what the cue does to a ball is no part of a file.
+    Native terms are numbers, or (len(shots),) arrays; a file does not contain the cue's action on a ball.
     """
     terms = np.column_stack([np.broadcast_to(getattr(model.native, k), len(shots)) for k in Native.parameters()])
     tracks: list[Track | None] = [None] * len(shots)
@@ -41,7 +41,7 @@ def _play(model: Model, shots: Sequence[Shot], rail_terms: Mapping[str, Native] 
     qpos = batch.bind("qpos").reshape(count, len(names), 7)
     qvel = batch.bind("qvel").reshape(count, len(names), 6)
     qpos[..., :2], qvel[..., :2] = [s.position for s in shots], [s.velocity for s in shots]
-    qvel[..., 3:] = [s.spin for s in shots]  # in the frame of the ball, which begins as that of the table
+    qvel[..., 3:] = [s.spin for s in shots]  # in the ball's frame, which is initially the table's
     state = np.empty((count, len(times), len(names), 7))
     done = 0
     for k, now in enumerate(np.round(times / compiled.opt.timestep).astype(int).tolist()):

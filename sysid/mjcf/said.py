@@ -1,10 +1,10 @@
-"""What MJCF says of a model's effects: a slope as gravity, heights of noses, rails that differ, the struck ball.
+"""Effects that MJCF can express: a slope as gravity, nose heights, different rails, the struck ball.
 
-In: a model, and native terms for its contacts. Out: its world, as plain MJCF.
+In: a model, and native terms for its contacts. Out: its world as plain MJCF.
 
 The slate is stiffer than that of the shipped table (models/mjcf/base.xml), or a ball that rests on a slope creeps
-downhill, and its friction takes slip away as fast as an impact is over, or it is not there while a nose presses the
-ball down. For that a ball that slips hops a little higher.
+downhill, and its friction acts within the duration of an impact, or it would be absent while a nose presses the ball
+down. In return a slipping ball hops a little higher.
 
 A nose of another height stays where a ball's centre meets it, R cos(theta) from the nose line with the usual theta, as
 the effect leaves it (models/effects/impact/nose_height.py): its capsule stands (R + r) cos(theta') from there.
@@ -28,16 +28,16 @@ from models.mjcf.world import rails
 from models.model_file import Model
 from models.shot import GRAVITY, NOSE_COSINE, NOSE_SINE, RAIL_NAMES, Array
 
-SIDES = dict(zip(RAIL_NAMES, ("px", "mx", "py", "my"), strict=True))  # as names of effects have them
-RAIL_EFFECTS = ("nose_height", "cushion_restitution", "cushion_friction")  # each with one effect a rail
-OF_RAILS = ("nose_height", *(f"{kind}_{side}" for kind in RAIL_EFFECTS for side in SIDES.values()))
+RAIL_SUFFIXES = dict(zip(RAIL_NAMES, ("px", "mx", "py", "my"), strict=True))  # as in the names of effects
+RAIL_EFFECTS = ("nose_height", "cushion_restitution", "cushion_friction")  # each has one effect per rail
+OF_RAILS = ("nose_height", *(f"{kind}_{side}" for kind in RAIL_EFFECTS for side in RAIL_SUFFIXES.values()))
 OF_STRUCK_BALL = ("cue_ball_mass", "struck_ball_slide", "struck_ball_roll")
-SAID = ("table_tilt", *OF_RAILS, *OF_STRUCK_BALL)  # effects that MJCF says
+EXPRESSIBLE = ("table_tilt", *OF_RAILS, *OF_STRUCK_BALL)  # effects that MJCF can express
 
 
-def is_said(effect: Effect) -> bool:
-    """Whether MJCF says what an effect does."""
-    return effect.name() in SAID or (effect.opens("edit") and not effect.slot)
+def is_expressible(effect: Effect) -> bool:
+    """Whether MJCF can express an effect."""
+    return effect.name() in EXPRESSIBLE or (effect.opens("edit") and not effect.slot)
 
 
 def without(model: Model, names: Sequence[str]) -> Model:
@@ -46,13 +46,13 @@ def without(model: Model, names: Sequence[str]) -> Model:
 
 
 def value(model: Model, name: str, off: float = 0.0) -> float:
-    """A parameter, or what it is where the effect is absent."""
+    """A parameter of an effect, or its value if the effect is absent."""
     return float(model.parameters().get(name, off))
 
 
 def at_rail(model: Model, rail: str) -> Model:
-    """The model with all cushions as the one at a rail, of RAIL_NAMES, whose changes join the base's constants."""
-    side, base = SIDES[rail], "cushion_impact."
+    """The model with all cushions like the one at a rail of RAIL_NAMES, whose changes are added to the constants."""
+    side, base = RAIL_SUFFIXES[rail], "cushion_impact."
     found = without(model, OF_RAILS)
     for key, high in (("restitution", 1.0), ("friction", np.inf)):
         change = value(model, f"cushion_{key}_{side}.change")
@@ -66,14 +66,14 @@ def plain_spec(
     model: Model, places: Mapping[str, Array], rail_terms: Mapping[str, Native] | None = None, *,
     launcher: bool = False, bare: bool = False,
 ) -> mujoco.MjSpec:  # fmt: skip
-    """A model's world in plain MJCF, with what that says of its effects.
+    """A model's world in plain MJCF, including the effects that MJCF can express.
 
     Args:
-        model: its contacts are its native terms.
-        places: where each ball waits, (2,) [m]; the first is the one to be struck.
+        model: its native terms define the contacts.
+        places: initial place of each ball, (2,) [m]; the first is the one to be struck.
         rail_terms: native terms of the cushions, by RAIL_NAMES, where they differ.
         launcher: with the cue launcher behind the first ball.
-        bare: without what is only seen.
+        bare: without purely visual parts.
     """
     spec = spec_of(model, places, launcher=launcher, bare=bare)
     for pair in spec.pairs:

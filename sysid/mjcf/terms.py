@@ -1,11 +1,11 @@
-"""MuJoCo's own contact terms, fitted to a model: the nearest that a file can come to its cloth and impacts.
+"""MuJoCo's own contact terms, fitted as closely as possible to a model's cloth and impacts.
 
-In: a model. Out: native terms, and those of cushions that differ from rail to rail.
+In: a model. Out: native terms, with separate ones for rails that differ.
 
-Rolling friction is fitted to balls that roll, sliding and turning friction to all motions: what is seen longest is
-rolling, and a ball that rolls shows nothing else. Impacts are played as the file plays them, at its own step, in which
-the slate's answer to a ball that a nose presses down depends on the step; motions on the cloth, where they agree to a
-millimetre in 3 s, by the faster steps of models/mujoco.
+Rolling friction is fitted to rolling balls, sliding and turning friction to all motions: rolling lasts longest, and a
+rolling ball shows nothing else. Impacts are played as the file plays them, at its own time step, because the slate's
+response to a ball that a nose presses down depends on the step; motions on the cloth, which agree to a millimetre in
+3 s, are played by the faster steps of models/mujoco.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from models.mjcf.native import Native
 from models.model_file import Model
 from models.shot import RAIL_NAMES
 from sysid.mjcf.player import play_plain
-from sysid.mjcf.said import OF_RAILS, SAID, at_rail, without
+from sysid.mjcf.said import EXPRESSIBLE, OF_RAILS, at_rail, without
 from sysid.validation.native_fit import TERMS_BY_CASE, start_of, tune
 
 
@@ -31,8 +31,8 @@ class FittedTerms:
 
 
 def fit_terms(model: Model) -> FittedTerms:
-    """The native terms nearest to a model's motion; where no effect takes a contact over, its own native terms."""
-    level = without(model, SAID)
+    """The native terms closest to a model's motion; its own ones for contacts that no effect replaces."""
+    level = without(model, EXPRESSIBLE)
     stack = level.stack()[1:]
     native, resolved = start_of(level), {e.resolves for e in stack}
     if any(e.slot == "cloth" for e in stack):
@@ -46,7 +46,7 @@ def fit_terms(model: Model) -> FittedTerms:
     found: dict[tuple[Effect, ...], Native] = {level.effects: native}
     of_rails = {}
     for rail in RAIL_NAMES:
-        truth = without(at_rail(model, rail), [name for name in SAID if name not in OF_RAILS])
+        truth = without(at_rail(model, rail), [name for name in EXPRESSIBLE if name not in OF_RAILS])
         if truth.effects not in found:
             noses = tuple(e for e in truth.effects if e.name() in OF_RAILS)
             found[truth.effects] = tune(

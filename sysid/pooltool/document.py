@@ -20,15 +20,15 @@ from models.files import limits, parse, read_text, write_whole
 from models.files.documents import file_problem
 from models.files.faults import Faults
 
-REMEDY = "name a file of pooltool's System.save, .json or .msgpack"
+SYSTEM_REMEDY = "name a file of pooltool's System.save, .json or .msgpack"
 SYSTEM_KEYS = {"cue", "table", "balls", "t", "events"}
 MULTISYSTEM_KEY = "multisystem"
-HEAD_CHARS = 400  # of a JSON file, in which the first key stands
+HEAD_CHARS = 400  # beginning of a JSON file that contains the first key
 MESSAGEPACK_SUFFIX = ".msgpack"
 
 
 def is_pooltool(path: Path) -> bool:
-    """Whether a file is one of pooltool's, by its name or its beginning."""
+    """Whether a file is pooltool's, by its name or its beginning."""
     if path.suffix.lower() == MESSAGEPACK_SUFFIX:
         return True
     if path.suffix.lower() != ".json" or not path.is_file():
@@ -42,29 +42,29 @@ def is_pooltool(path: Path) -> bool:
 
 
 def read_systems(path: Path) -> list[Mapping[str, Any]]:
-    """The systems of a file, one or several; BadInput where it holds none."""
+    """The systems of a file, one or several; BadInput if it holds none."""
     data = _messagepack(path) if path.suffix.lower() == MESSAGEPACK_SUFFIX else _json(path)
     many = data.get(MULTISYSTEM_KEY) if isinstance(data, dict) else None
     systems = many if isinstance(many, list) else [data]
     if not systems or not all(isinstance(one, dict) and one.keys() >= SYSTEM_KEYS for one in systems):
-        raise BadInput(f"{path}: holds no system of pooltool's: {REMEDY}")
+        raise BadInput(f"{path}: contains no pooltool system: {SYSTEM_REMEDY}")
     return systems
 
 
 def write_document(data: Mapping[str, Any], path: Path) -> None:
-    """Write plain values as .json or .msgpack, by the name's end, whole or not at all."""
+    """Write plain values as .json or .msgpack, by the name's suffix, completely or not at all."""
     suffix = path.suffix.lower()
     if suffix == MESSAGEPACK_SUFFIX:
         content: bytes = _library(path).packb(_without_histories(data))
     elif suffix == ".json":
         content = (json.dumps(data, indent=2) + "\n").encode()
     else:
-        raise BadInput(f"{path}: pooltool reads .json and .msgpack: end the name so")
+        raise BadInput(f"{path}: pooltool reads .json and .msgpack: use one of these suffixes")
     write_whole(path, content, parents=True)
 
 
 def _without_histories(value: Any) -> Any:
-    """Plain values with none in place of empty histories, as pooltool packs them."""
+    """Plain values with None instead of empty histories, as pooltool stores them."""
     if value == {"states": []}:
         return None
     return {key: _without_histories(v) for key, v in value.items()} if isinstance(value, Mapping) else value
@@ -72,22 +72,22 @@ def _without_histories(value: Any) -> Any:
 
 def _json(path: Path) -> Any:
     faults = Faults()
-    text = faults.settle(read_text(path, str(path), faults, REMEDY, limits.MAX_TRACKS_JSON_BYTES))
+    text = faults.settle(read_text(path, str(path), faults, SYSTEM_REMEDY, limits.MAX_TRACKS_JSON_BYTES))
     return faults.settle(parse(text, str(path), faults, json.loads))
 
 
 def _messagepack(path: Path) -> Any:
     library = _library(path)
-    if problem := file_problem(path, REMEDY, limits.MAX_TRACKS_JSON_BYTES):
+    if problem := file_problem(path, SYSTEM_REMEDY, limits.MAX_TRACKS_JSON_BYTES):
         raise BadInput(f"{path}: {problem}")
     try:
         return library.unpackb(path.read_bytes(), object_hook=_array)
     except (OSError, ValueError, TypeError, library.exceptions.UnpackException, RecursionError) as error:
-        raise BadInput(f"{path}: is no sound MessagePack ({one_line(str(error))}): save it again") from error
+        raise BadInput(f"{path}: is not valid MessagePack ({one_line(str(error))}): save it again") from error
 
 
 def _array(found: dict[Any, Any]) -> Any:
-    """A map as it is, or the array or number that it packs."""
+    """The array or number that a map encodes, or the map itself."""
     if b"nd" not in found:
         return found
     kind = np.dtype(str(found[b"type"]))
@@ -98,7 +98,7 @@ def _array(found: dict[Any, Any]) -> Any:
         return values[0].item()
     shape = tuple(int(n) for n in found[b"shape"])
     if math.prod(shape) != values.size:
-        raise ValueError("an array of another size than it says")
+        raise ValueError("an array whose size differs from its shape")
     return values.reshape(shape)
 
 

@@ -1,7 +1,7 @@
-"""A model as a system of pooltool's: table, balls and constants in one file, the laws that go with them in another.
+"""A model as a pooltool system: table, balls and constants in one file, the matching laws in another.
 
-In: a model, or a model and a shot. Out: plain values as `System.load` takes them; the two files, and lines that say
-what was lost and what that costs.
+In: a model, or a model and a shot. Out: plain values for `System.load`; the two files, and lines on the losses and
+their cost.
 
     import pooltool as pt
     from pooltool.physics.engine import PhysicsEngine
@@ -30,7 +30,7 @@ from sysid.pooltool.laws import CUSHION_LAW_EFFECTS, Laws, laws_of
 from sysid.pooltool.losses import losses, off_at_rest
 from sysid.pooltool.table import frame_of, table_there
 
-CURVE_LOSS = (  # measured by tests/bench/pooltool_judge.py's `apart`, on 200 shots; no effect here is that law
+CURVE_LOSS = (  # measured by `apart` of tests/bench/pooltool_judge.py on 200 shots; no effect here has that law
     "lost: friction of balls is that of the slip before an impact there, not of every moment: with Alciatore's curve "
     "1.2 mm at the second impact (95 %: 7.6), 7.5 mm where balls stop (95 %: 73)"
 )
@@ -40,18 +40,18 @@ TIP_SHAFT_RADIUS, BUTT_RADIUS = 0.0065, 0.02  # of its shaft, which is only draw
 
 
 def export_pooltool(model: Model, out: Path | str, places: Mapping[str, ArrayLike] | None = None) -> list[str]:
-    """Write a model as a system of pooltool's, and beside it its laws.
+    """Write a model as a pooltool system, and its laws next to it.
 
     Args:
         model: as read from a model file.
         out: the system's file, .json or .msgpack; that of the laws has its name and ends in .laws.json.
-        places: where each ball waits, (2,) [m], the struck one first; if not given, one on either half of the table.
+        places: initial place of each ball, (2,) [m], the struck one first; by default one on either half of the table.
 
     Returns:
-        Lines of what was written and what it costs.
+        Lines on the files and the losses.
 
     Raises:
-        BadInput: for a model that pooltool has no laws for, places that are none, and a file that cannot be written.
+        BadInput: for a model without laws in pooltool, invalid places, and a file that cannot be written.
     """
     path, model = Path(out), model.as_played()
     quarter = model.table.length / 4
@@ -73,7 +73,7 @@ def export_pooltool(model: Model, out: Path | str, places: Mapping[str, ArrayLik
     lines = [
         f"system: {path} (pt.System.load), {len(xy)} balls",
         f"laws: {laws_file} (Resolver.load); balls frictional_mathavan, cushions {laws.cushion}",
-        f"noses {shift:.2f} mm further out on all sides, since pooltool has balls meet them at a radius",
+        f"noses {shift:.2f} mm further out on all sides, since balls meet them at a radius in pooltool",
     ]
     lines += [f"lost: {one.text}" for one in losses(model, laws)]
     if laws.resolver["ball_ball"]["friction"]["model"] == "alciatore":
@@ -84,7 +84,7 @@ def export_pooltool(model: Model, out: Path | str, places: Mapping[str, ArrayLik
 
 
 def nearest_laws(model: Model) -> Laws:
-    """The laws that come nearest, where balls stop, of those that pooltool has for cushions."""
+    """The laws with the closest end points of balls, among pooltool's laws of cushions."""
     choices = [laws_of(model)]
     if any(e.name() in CUSHION_LAW_EFFECTS for e in model.stack()):
         choices.append(laws_of(model, compliant=True))
@@ -93,11 +93,11 @@ def nearest_laws(model: Model) -> Laws:
 
 
 def system_of(model: Model, laws: Laws, shot: Shot) -> dict[str, Any]:
-    """A shot as pooltool's `System`, as plain values; balls that move begin in motion, and its cue strikes none.
+    """A shot as pooltool's `System` in plain values; moving balls begin in motion, and its cue strikes none.
 
     Args:
-        model: with the sizes that are played.
-        laws: of it.
+        model: with the sizes used in play.
+        laws: of the model.
         shot: the struck ball first.
     """
     frame = frame_of(model.table, model.ball)

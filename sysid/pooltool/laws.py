@@ -1,14 +1,14 @@
-"""A model's constants as pooltool's, by the laws there that come nearest, and what of the model no law there has.
+"""A model's constants as pooltool's, by the closest laws, and the effects that pooltool has no law for.
 
 Cloth: sliding and rolling friction are the same laws; u_sp = 2 R alpha / (5 g) gives the deceleration alpha of
 sidespin. Balls: `frictional_mathavan` is Mathavan 2014, its friction constant (`average`) or a + b exp(-c v)
 (`alciatore`), there at the slip before the impact. Cushions: `mathavan_2010`, with the nose's height; a nose that gives
-way along its face may come nearer to `stronge_compliant`, which knows no cloth: there omega_t / omega_n is sqrt(7 / (2
-compliance)), and the contact's normal points from the nose's height at a distance R, so that a sine s of it needs the
+way along its face may be closer to `stronge_compliant`, which ignores the cloth: there omega_t / omega_n is sqrt(7 / (2
+compliance)), and the contact's normal points from the nose's height at a distance R, so that its sine s requires the
 height R (1 + s / sqrt(1 - s^2)).
 
-pooltool's systems hold no laws: these go into a file of their own, for `Resolver.load`. Left out are effects that no
-law there has; their cost is measured (sysid/pooltool/losses.py).
+pooltool's systems hold no laws: these go into a separate file, for `Resolver.load`. Effects without a law there are
+left out; their cost is measured (sysid/pooltool/losses.py).
 """
 
 from __future__ import annotations
@@ -24,17 +24,19 @@ from models.model_file import Model, effect_class
 from models.shot import GRAVITY, NOSE_SINE, RAIL_NAMES
 
 RESOLVER_VERSION = 9  # of pooltool 0.6
-MIN_FRICTION = 1e-9  # pooltool takes none that is 0
-# Its impacts take steps of the first order. Two balls part up to one of them too late, by (1 + e) / (2 n) of the speed:
-# with n = 50,000 a ball of 2 m/s rolls out less than a millimetre further. Those at cushions end exactly.
+MIN_FRICTION = 1e-9  # pooltool does not accept 0
+# Its impacts use first-order steps. Two balls separate up to a step too late, which adds (1 + e) / (2 n) of the speed:
+# with n = 50,000 a ball of 2 m/s rolls less than a millimetre further. Impacts at cushions end exactly.
 BALL_STEPS, CUSHION_STEPS = 50_000, 10_000
-IMPULSE_STEP = 1e-5  # [N s], at least, of those at cushions
-OMEGA_RATIOS = (1.0, 2.0)  # that `stronge_compliant` takes
-DEFAULT_OMEGA_RATIO = 1.8  # of pooltool's own laws
-ALCIATORE = {"a": 0.009951, "b": 0.108, "c": 1.088}  # friction of its balls by its own laws (Alciatore TP A.14)
-END_MASS_RATIO = 30.0  # of a ball over the end of pooltool's own cue
+IMPULSE_STEP = 1e-5  # least step of impacts at cushions [N s]
+OMEGA_RATIOS = (1.0, 2.0)  # range that `stronge_compliant` accepts
+DEFAULT_OMEGA_RATIO = 1.8  # value in pooltool's own laws
+ALCIATORE_FRICTION = {"a": 0.009951, "b": 0.108, "c": 1.088}  # friction of balls in its own laws (TP A.14)
+END_MASS_RATIO = 30.0  # mass of a ball over the end mass of pooltool's own cue
 CONSTANT_EFFECTS = ("decoupled_cloth", "ball_impact", "cushion_impact")
-TAKEN = (*CONSTANT_EFFECTS, "ball_friction_speed", "nose_height", "struck_ball_slide", "struck_ball_roll", "squirt")
+MAPPED_EFFECTS = (
+    *CONSTANT_EFFECTS, "ball_friction_speed", "nose_height", "struck_ball_slide", "struck_ball_roll", "squirt",
+)  # fmt: skip
 CUSHION_LAW_EFFECTS = ("cushion_compliance", "soft_bed")
 RAIL_EFFECTS = dict(
     zip(RAIL_NAMES, ("nose_height_px", "nose_height_mx", "nose_height_py", "nose_height_my"), strict=True)
@@ -43,7 +45,7 @@ RAIL_EFFECTS = dict(
 
 @dataclass(frozen=True)
 class Laws:
-    """What pooltool plays for a model."""
+    """The laws and parameters with which pooltool plays a model."""
 
     struck: Mapping[str, float]  # its `BallParams` of the struck ball
     others: Mapping[str, float]
@@ -51,16 +53,16 @@ class Laws:
     end_mass: float  # of its cue [kg]
     resolver: Mapping[str, Any]  # its `Resolver`, as plain values
     cushion: str  # name there of the law of cushions
-    played: Model  # the same in our effects
-    lost: tuple[str, ...]  # effects that no law there has
+    played: Model  # the same laws as our effects
+    lost: tuple[str, ...]  # effects that pooltool has no law for
 
 
 def laws_of(model: Model, *, compliant: bool = False) -> Laws:
-    """A model as pooltool has it.
+    """The laws that represent a model in pooltool.
 
     Args:
-        model: with the sizes that are played (`Model.as_played`).
-        compliant: by `stronge_compliant` at cushions in place of `mathavan_2010`.
+        model: with the sizes used in play (`Model.as_played`).
+        compliant: use `stronge_compliant` at cushions instead of `mathavan_2010`.
 
     Raises:
         BadInput: for a model without effects for cloth, balls and cushions.
@@ -68,7 +70,7 @@ def laws_of(model: Model, *, compliant: bool = False) -> Laws:
     acting = {e.name(): e for e in model.stack()[1:]}
     if missing := [name for name in CONSTANT_EFFECTS if name not in acting]:
         why = lacking(model) or f"it has no {missing[0]}"
-        raise BadInput(f"the model is none that pooltool has laws for: {why}; fit one that starts from the base")
+        raise BadInput(f"pooltool has no laws for this model: {why}; fit one that starts from the base")
     values = {name: float(value) for name, value in model.parameters().items() if "." in name}
     radius, mass = model.ball.radius, model.ball.mass
     shared = {
@@ -94,7 +96,7 @@ def laws_of(model: Model, *, compliant: bool = False) -> Laws:
     lost = tuple(
         name
         for name, effect in acting.items()
-        if name not in (*TAKEN, *RAIL_EFFECTS.values()) and effect.opens("forces", "impact", "strike", "edit")
+        if name not in (*MAPPED_EFFECTS, *RAIL_EFFECTS.values()) and effect.opens("forces", "impact", "strike", "edit")
         and not (compliant and name in CUSHION_LAW_EFFECTS)
     )  # fmt: skip
     played = model
@@ -116,22 +118,22 @@ def laws_of(model: Model, *, compliant: bool = False) -> Laws:
 
 
 def own_cushions(played: Model) -> Model:
-    """What is played, with the cushions of pooltool's own laws, which it takes where no laws are loaded."""
+    """The played model with the cushions of pooltool's default laws, used if no laws are loaded."""
     sine = NOSE_SINE + float(played.parameters().get("nose_height.change", 0.0))
-    # A height meant for mathavan_2010 is read by stronge_compliant at a distance R.
+    # stronge_compliant interprets a height meant for mathavan_2010 at a distance R.
     change = math.sin(math.atan(sine)) - NOSE_SINE
     model = with_effect(with_effect(played, "soft_bed", share=1.0), "nose_height", change=change)
     return with_effect(model, "cushion_compliance", ratio=3.5 / DEFAULT_OMEGA_RATIO**2)
 
 
 def own_ball_friction(played: Model) -> Model:
-    """What is played, with the friction of balls of pooltool's own laws."""
-    model = played.with_values({"ball_impact.friction": ALCIATORE["a"]})
-    return with_effect(model, "ball_friction_speed", gain=ALCIATORE["b"], decay=ALCIATORE["c"])
+    """The played model with the friction of balls of pooltool's default laws."""
+    model = played.with_values({"ball_impact.friction": ALCIATORE_FRICTION["a"]})
+    return with_effect(model, "ball_friction_speed", gain=ALCIATORE_FRICTION["b"], decay=ALCIATORE_FRICTION["c"])
 
 
 def with_effect(model: Model, name: str, **values: float) -> Model:
-    """The model with an effect of these values, in place of one of that name."""
+    """The model with an effect of these values, replacing the one of that name."""
     return model.add(effect_class(name)(**values))
 
 
@@ -142,7 +144,7 @@ def _some(friction: float) -> float:
 def _squirt(per_offset: float, radius: float, mass: float) -> tuple[float, float]:
     """End mass of the cue [kg], and pooltool's throttle of squirt, for an angle per offset [rad/m].
 
-    tan = 5/2 a / (7/2 + M / m_e) for a small offset a R; the throttle does what no end mass would.
+    tan = 5/2 a / (7/2 + M / m_e) for a small offset a R; the throttle covers angles that no end mass gives.
     """
     ratio = 2.5 / (per_offset * radius) - 3.5 if per_offset > 0 else 0.0
     if ratio > 1.0:

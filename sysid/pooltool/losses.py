@@ -1,9 +1,9 @@
-"""What an export costs: how far balls are from where the model has them, by cause.
+"""The losses of an export: distances of balls from their positions in the model, by cause.
 
-In: a model and what is played in its place. Out: `Loss`, in words and mm: at the second impact, up to which errors have
-had no time to grow, and where balls stop. Both are played here, in the same engine, on the same random shots of two
-balls, so that nothing but the cause is measured. The table has no pockets for it: noses and pockets are carried over as
-they are, and a ball that falls or not would be one of metres.
+In: a model and the one played in its place. Out: `Loss`, in words and mm: at the second impact, before errors have
+grown, and where balls stop. Both are played in our engine on the same random shots of two balls, so that only the cause
+is measured. The table has no pockets: noses and pockets are exported exactly, and whether a ball falls would change its
+position by metres.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from models.simulation.simulate import simulate
 from sysid.pooltool.laws import Laws, own_ball_friction, own_cushions
 
 SHOTS, SEED = 200, 6
-SPEEDS = (0.5, 3.0)  # of the struck ball [m/s]
-LAST_S = 60.0  # by which all balls rest
-BEFORE_S = 1e-6  # of the second impact, at which places are compared
+BALL_SPEEDS_M_S = (0.5, 3.0)  # range of the struck ball
+LAST_S = 60.0  # time by which all balls rest
+BEFORE_S = 1e-6  # time before the second impact at which positions are compared
 
 
 @dataclass(frozen=True)
 class Loss:
-    """How far off balls are for one cause: median and 95 % of shots [m]."""
+    """The position error by one cause: median and 95 % quantile over shots [m]."""
 
     cause: str
     second_impact: tuple[float, float]
@@ -44,7 +44,7 @@ class Loss:
 
 
 def losses(model: Model, laws: Laws) -> list[Loss]:
-    """All causes together, each effect that is lost by itself, and what pooltool's own laws cost without ours."""
+    """Losses by all causes together, by each lost effect alone, and by pooltool's default laws without ours."""
     shots, base, played = random_shots(model), _closed(model), _closed(laws.played)
     found = []
     if laws.lost or played.effects != base.effects:
@@ -58,7 +58,7 @@ def losses(model: Model, laws: Laws) -> list[Loss]:
 
 
 def off_at_rest(model: Model, other: Model) -> float:
-    """How far apart balls stop in two models, the median of the same shots [m]."""
+    """Median distance between the end points of balls in two models, over the same shots [m]."""
     return loss("", _closed(model), _closed(other), random_shots(model)).rest[0]
 
 
@@ -80,7 +80,7 @@ def loss(cause: str, model: Model, other: Model, shots: Sequence[Shot]) -> Loss:
 
 
 def random_shots(model: Model, count: int = SHOTS) -> list[Shot]:
-    """Shots at a second ball on the model's table, with all spins: starting states, until all rest."""
+    """Shots at a second ball on the model's table, with all spins, played until all balls rest."""
     rng, ball, shots = np.random.default_rng(SEED), model.ball, list[Shot]()
     half = model.table.centre_limits(ball) - 2 * ball.radius
     while len(shots) < count:
@@ -89,9 +89,9 @@ def random_shots(model: Model, count: int = SHOTS) -> list[Shot]:
         distance = float(np.hypot(*to))
         if distance < 4 * ball.radius:
             continue
-        # Within 0.9 of a diameter beside the line of centres: a hit, up to a thin one.
+        # Up to 0.9 diameters off the line of centres: a hit, down to a thin one.
         heading = np.arctan2(to[1], to[0]) + np.arcsin(rng.uniform(-0.9, 0.9) * ball.diameter / distance)
-        aim, speed = np.array([np.cos(heading), np.sin(heading)]), rng.uniform(*SPEEDS)
+        aim, speed = np.array([np.cos(heading), np.sin(heading)]), rng.uniform(*BALL_SPEEDS_M_S)
         roll, side = rng.uniform(-1.0, 1.0, 2) * speed / ball.radius
         velocity, spin = np.zeros((2, 2)), np.zeros((2, 3))
         velocity[0], spin[0] = speed * aim, (-roll * aim[1], roll * aim[0], side)
@@ -100,7 +100,7 @@ def random_shots(model: Model, count: int = SHOTS) -> list[Shot]:
 
 
 def _second_impact(track: Track) -> float:
-    """When the second impact is [s]; the end where there is none."""
+    """Time of the second impact [s]; the end of the shot if there is none."""
     times = sorted(event.time for event in track.events)
     return times[1] if len(times) > 1 else float(track.times[-1])
 

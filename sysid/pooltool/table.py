@@ -1,8 +1,8 @@
-"""A table as pooltool has it: straight noses and facings, arcs between them, pockets as circles; and back.
+"""Conversion of tables to and from pooltool: straight noses and facings, arcs between them, circular pockets.
 
-Both programs meet them with a ball's centre, so what centres meet here (models/analytic/pocket.py) is taken and moved
-by a radius R: a nose line and a facing lie R further out, an arc that centres meet at rho has the radius rho - R. The
-circles in which balls fall are the same. Names are those of pooltool's own tables: 3, 6, 9, 12, 15 and 18 are the
+Both programs test contacts with a ball's centre, so the lines for centres (models/analytic/pocket.py) are moved by a
+radius R: a nose line and a facing lie R further out, and an arc that centres meet at rho has the radius rho - R. The
+circles into which balls fall are the same. Names are those of pooltool's own tables: 3, 6, 9, 12, 15 and 18 are the
 straight noses, the others facings, and with a t the arcs before them.
 
 Back: a mouth m, from the end e of a straight nose before a corner, is 2 (w + R) with w = (e - tan(t/2) r) / sqrt(2)
@@ -32,21 +32,21 @@ from models.pocket_shape import (
 from models.shot import NOSE_COSINE, Array, Ball, Table
 from sysid.pooltool.frame import Frame, nose_shift, turned_there
 
-RAILS: Mapping[str, tuple[str, ...]] = {"+x": ("9",), "-x": ("18",), "+y": ("3", "6"), "-y": ("15", "12")}
+NOSES_BY_RAIL: Mapping[str, tuple[str, ...]] = {"+x": ("9",), "-x": ("18",), "+y": ("3", "6"), "-y": ("15", "12")}
 POCKET_IDS = {(-1, -1): "rb", (0, -1): "rc", (1, -1): "rt", (-1, 1): "lb", (0, 1): "lc", (1, 1): "lt"}
-MIN_NOSE_RADIUS_M = 1e-4  # of an arc there
-DECIMALS, SAME_SIZE = 6, 2e-6  # of sizes there [m, rad], which are rounded: a ball's centre is placed to 1e-6 m
-POCKET_DEPTH_M = 0.08  # that pooltool gives its own pockets
-TABLE_HEIGHT_M, LIGHTS_HEIGHT_M = 0.708, 1.99  # that it draws by
+MIN_NOSE_RADIUS_M = 1e-4  # least radius of an arc in pooltool
+DECIMALS, SAME_SIZE = 6, 2e-6  # rounding of pooltool's sizes [m, rad]: a ball's centre is placed to 1e-6 m
+POCKET_DEPTH_M = 0.08  # depth of pooltool's own pockets
+TABLE_HEIGHT_M, LIGHTS_HEIGHT_M = 0.708, 1.99  # used for drawing only
 
 
 def frame_of(table: Table, ball: Ball) -> Frame:
-    """The frame there of a table of ours."""
+    """The pooltool frame of one of our tables."""
     return Frame(*(size + 2 * nose_shift(ball.radius) for size in (table.length, table.width)))
 
 
 def jaw_id(rail: str, along: float, corner: bool) -> str:
-    """The name there of the jaw at an end of a rail here; `along` is the end's coordinate along it."""
+    """pooltool's name of the jaw at an end of our rail; `along` is the end's coordinate along the rail."""
     names = {
         ("+x", True): ("10", "8"), ("-x", True): ("17", "1"), ("+y", True): ("2", "7"), ("-y", True): ("16", "11"),
         ("+y", False): ("4", "5"), ("-y", False): ("14", "13"),
@@ -55,25 +55,25 @@ def jaw_id(rail: str, along: float, corner: bool) -> str:
 
 
 def table_there(table: Table, ball: Ball, heights: Mapping[str, float]) -> dict[str, Any]:
-    """A table as pooltool's `Table`, as plain values.
+    """A table as pooltool's `Table` in plain values.
 
     Args:
-        table: as it is played.
-        ball: of one size, for which noses are shifted.
+        table: with the sizes used in play.
+        ball: whose radius shifts the noses.
         heights: of the nose by rail, +x, -x, +y, -y [m].
     """
     frame, pockets = frame_of(table, ball), pockets_of(table, ball)
     linear, circular = dict[str, Any](), dict[str, Any]()
     half = np.array([table.length, table.width]) / 2
-    for rail, names in RAILS.items():
+    for rail, names in NOSES_BY_RAIL.items():
         k, sign = "xy".index(rail[1]), 1.0 if rail[0] == "+" else -1.0
         corner, middle = float(pockets.ends[0]), float(pockets.ends[1])
-        stretches = [(-half[1 - k] + corner, half[1 - k] - corner)]
+        spans = [(-half[1 - k] + corner, half[1 - k] - corner)]
         if len(names) > 1 and table.pockets:
-            stretches = [(-half[0] + corner, -middle), (middle, half[0] - corner)]
+            spans = [(-half[0] + corner, -middle), (middle, half[0] - corner)]
         if not table.pockets:
             names = {"+y": ("3",), "-y": ("12",)}.get(rail, names)
-        for name, ends in zip(names, stretches, strict=True):
+        for name, ends in zip(names, spans, strict=True):
             normal, nose = np.zeros(2), np.zeros((2, 2))
             normal[k] = sign
             nose[:, k] = sign * (half[k] + nose_shift(ball.radius))
@@ -105,19 +105,19 @@ def _pocket(frame: Frame, x: float, y: float, radius: float) -> dict[str, Any]:
 
 
 def _segment(name: str, ends: Array, normal: Array, height: float) -> dict[str, Any]:
-    """A straight nose; `normal` points into the rubber. Its direction says on which side of the line balls are."""
+    """A straight nose; `normal` points into the rubber. Its direction defines the side on which balls are."""
     (x1, y1), (x2, y2) = sorted((float(x), float(y)) for x, y in ends)
-    # pooltool's line is lx x + ly y + l0 = 0 with lx = 1 of one along y, and ly = 1 of any other.
+    # pooltool's line is lx x + ly y + l0 = 0, with lx = 1 for one along y, and ly = 1 for any other.
     lx, ly = (1.0, 0.0) if x1 == x2 else (-(y2 - y1) / (x2 - x1), 1.0)
     side = 0 if lx * float(normal[0]) + ly * float(normal[1]) > 0 else 1
     return {"id": name, "p1": [x1, y1, height], "p2": [x2, y2, height], "direction": side}
 
 
 def table_here(data: Mapping[str, Any], ball: Ball) -> tuple[Table, Frame, str]:
-    """A table of pooltool's, its frame, and in words what of it has no counterpart here; "" for nothing.
+    """Our table for one of pooltool's, its frame, and a remark on parts without a counterpart; "" for none.
 
     Raises:
-        KeyError, TypeError, ValueError: where it is not as pooltool writes one.
+        KeyError, TypeError, ValueError: if it differs from pooltool's format.
     """
     linear = {name: np.array([one["p1"], one["p2"]], float)[:, :2] for name, one in _segments(data, "linear").items()}
     width = float(linear["12"][0, 0] - linear["3"][0, 0])
@@ -134,13 +134,13 @@ def table_here(data: Mapping[str, Any], ball: Ball) -> tuple[Table, Frame, str]:
         return (
             dataclasses.replace(table, pockets=True),
             frame,
-            "its pockets are of another kind: those of snooker stand",
+            "its pockets are of another kind: snooker pockets are used instead",
         )
     return table, frame, ""
 
 
 def _known(found: bool | PocketShapes) -> bool | PocketShapes:
-    """Pockets as they are, or a set that is known here and has the same geometry, its acceptance with it."""
+    """The pockets themselves, or a known set of the same geometry, which includes the acceptance."""
     for known in POCKET_SETS.values():
         if isinstance(found, PocketShapes) and all(
             abs(getattr(a, f.name) - getattr(b, f.name)) <= SAME_SIZE
@@ -160,7 +160,7 @@ def _segments(data: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
 def _shape(
     data: Mapping[str, Any], which: str, table: Table, ball: Ball, frame: Frame, linear: Mapping[str, Array]
 ) -> dict[str, float]:
-    """The shape here of a pocket there, by its first one: lower left, or left centre."""
+    """Our shape of a kind of pooltool pocket, from its first one: lower left, or left centre."""
     corner, near, shift = which == "corner", ball.radius * NOSE_COSINE, nose_shift(ball.radius)
     name = "2" if corner else "4"
     arc = _segments(data, "circular")[f"{name}t"]

@@ -4,13 +4,13 @@ In: residuals of samples with the number of their phase. Out: `Phases`: averaged
 accelerations leave in them.
 
 A segment is the motion of one ball between two events, a phase the part of it in which it slides, or rolls. An
-acceleration f(t) that the model lacks displaces the ball in a phase by its double integral, less a straight line (the
-position and velocity with which the phase begins are fitted and carry no information):
+acceleration f(t) that the model lacks displaces the ball in a phase by its double integral, minus a straight line (the
+position and velocity at the beginning of the phase are fitted and carry no information):
 
     measured - modelled = c S + noise,    S = Q (double integral of f),    c = S.r / S.S,
 
 where Q projects out the line. With f = a direction inside a group of samples and 0 outside, c is the mean acceleration
-that is missing there [m/s^2]. Phases enter whole: the information on an acceleration grows as T^2 sqrt(n), so that
+that is missing there [m/s^2]. Phases are used as a whole: the information on an acceleration grows as T^2 sqrt(n), so
 short windows would waste most of it.
 
 Left out: that the spin of a segment is fitted, too, which in a sliding phase turns the friction and absorbs part of an
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-BLOCK_SAMPLES = 6  # averaged
+BLOCK_SAMPLES = 6  # number of samples averaged in a block
 MIN_PHASE_SAMPLES = 12
 
 
@@ -46,7 +46,7 @@ class Phases:
     block: Index  # (n,) their blocks
 
     def mean(self, values: Array) -> Array:
-        """Samples' values (N, ...) averaged in each block: (m, ...)."""
+        """Averages of samples' values (N, ...) over each block: (m, ...)."""
         used = values[self.sample]
         flat = used.reshape(len(used), -1)
         count = np.bincount(self.block, minlength=len(self.time))[:, None]
@@ -81,7 +81,7 @@ def _without_line(values: Array, time: Array, weight: Array, phase: Index, first
 
 
 def phases_of(label: Index, clip: Index, time: Array, residual: Array, sigma: float) -> Phases | None:
-    """Cut samples into phases; None without any that is long enough.
+    """Cut samples into phases; None if none is long enough.
 
     Args:
         label: (n,) number of a sample's phase, -1 of none; samples of a phase are consecutive and in time order.

@@ -1,4 +1,4 @@
-"""Variables that residuals may depend on, and their groups in plain words.
+"""Variables that residuals may depend on, and their groups with descriptions.
 
 In: samples, or values with edges. Out: a `Variable`: the group of every sample, with a description of each group.
 """
@@ -27,7 +27,7 @@ APPROACH_EDGES_M_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, np.inf)
 ANGLE_EDGES_DEG = (0.0, 20.0, 45.0, 90.0)  # from the normal
 TABLE_CELLS = (6, 3)  # along and across the table
 TABLE_HEADINGS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
-MIN_CLIPS_FOR_ORDER = 6  # from which thirds of the clips are compared
+MIN_CLIPS_FOR_ORDER = 6  # fewest clips whose thirds are compared
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class Variable:
     """A variable cut into groups."""
 
     name: str
-    words: tuple[str, ...]  # of each group
-    group: Group  # (n,) of each sample, -1 for none
-    middle: Array  # of each group, for drawing; NaN where that means nothing
+    words: tuple[str, ...]  # description of each group
+    group: Group  # (n,) index of each sample's group, -1 for none
+    middle: Array  # middle of each group, for drawing; NaN if it is meaningless
     unit: str = ""
 
 
@@ -64,7 +64,7 @@ def variables(samples: Samples, table: Table, clips: int) -> tuple[Variable, ...
 
 
 def cut(name: str, values: Array, edges: Sequence[float], words: str, unit: str) -> Variable:
-    """Groups between edges."""
+    """A variable with groups between edges."""
     group = np.clip(np.searchsorted(edges, np.nan_to_num(values), side="right") - 1, 0, len(edges) - 2)
     ends = np.array(edges)
     middle = np.where(np.isinf(ends[1:]), ends[:-1] * 1.25, np.where(np.isinf(ends[:-1]), ends[1:] * 1.25, 0.0))
@@ -75,12 +75,12 @@ def cut(name: str, values: Array, edges: Sequence[float], words: str, unit: str)
 
 
 def chosen(name: str, words: tuple[str, ...], group: NDArray[np.int_]) -> Variable:
-    """Groups that are named."""
+    """A variable with named groups."""
     return Variable(name, words, group.astype(np.int8), np.full(len(words), np.nan))
 
 
 def place(xy: Array, table: Table) -> Variable:
-    """Cells of the table."""
+    """A variable with the cells of the table as groups."""
     size = np.array([table.length, table.width])
     cells = np.array(TABLE_CELLS)
     at = np.clip(((xy / size + 0.5) * cells).astype(np.int64), 0, cells - 1)
@@ -94,7 +94,7 @@ def place(xy: Array, table: Table) -> Variable:
 
 
 def order(clip: Index, clips: int) -> list[Variable]:
-    """Thirds of the clips, in their order; none of few clips."""
+    """A variable with thirds of the clips, in order; empty for few clips."""
     if clips < MIN_CLIPS_FOR_ORDER:
         return []
     edges = [round(clips * k / 3) for k in range(4)]

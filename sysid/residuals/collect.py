@@ -1,4 +1,4 @@
-"""Residuals sample by sample: of whole shots, and of segments, whose motion begins anew at each event.
+"""Residuals of every sample, in whole shots and in segments, which start again at each event.
 
 In: a problem with its fitted tracks, or fitted segments. Out: `Samples`.
 """
@@ -20,7 +20,7 @@ from sysid.residuals.samples import Samples
 from sysid.residuals.segment_fits import SegmentFits, sidespin
 
 MIN_SLIP_M_S = 0.01  # slip speed above which a ball slides
-REST_SPEED_M_S = 0.003  # below which it rests
+REST_SPEED_M_S = 0.003  # speed below which a ball rests
 SPINNING_RAD_S = 1.0  # sidespin above which a resting ball spins
 
 
@@ -40,7 +40,7 @@ def samples_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: Cl
 
 
 def _parts_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet) -> Iterator[Samples]:
-    """Those of one ball after another."""
+    """The samples of each ball in turn."""
     segments = 0
     for k, track in enumerate(tracks):
         clip = clip_set.clips[k]
@@ -67,15 +67,15 @@ def _parts_of_shots(problem: ShotProblem, tracks: Sequence[Track], clip_set: Cli
 
 
 def samples_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Samples:
-    """Every sample of the good segments, each with its initial state.
+    """Every sample of the good segments, each with its own initial state.
 
-    A segment by itself does not determine its sidespin: that is taken from the whole shots' tracks.
+    A single segment does not determine its sidespin, which is therefore taken from the whole shots' tracks.
     """
     return joined(_parts_of_segments(fits, tracks), sum(len(s.time) for s in fits.problem.segments))
 
 
 def _parts_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Iterator[Samples]:
-    """Those of one segment after another."""
+    """The samples of each segment in turn."""
     problem, x = fits.problem, fits.initial_states
     c = np.tile(values_of(problem.model, problem.names), (len(x), 1))
     errors = problem.evaluate(x, c, np.arange(len(x)))
@@ -101,7 +101,7 @@ def _parts_of_segments(fits: SegmentFits, tracks: Sequence[Track]) -> Iterator[S
 
 
 def joined(parts: Iterable[Samples], most: int = 0) -> Samples:
-    """Samples one after another, of at most so many; a part is let go once it is written into the whole."""
+    """Concatenate parts of samples, of at most `most` in all; each part is released once it is copied."""
     numbers: dict[str, NDArray[Any]] = {}
     words: dict[str, list[str]] = {}
     n = 0
@@ -124,4 +124,4 @@ def joined(parts: Iterable[Samples], most: int = 0) -> Samples:
 
 
 def _words(values: NDArray[np.str_]) -> tuple[str, ...]:
-    return tuple(map(sys.intern, values.tolist()))  # a word once, however many samples it is of
+    return tuple(map(sys.intern, values.tolist()))  # stores each word once

@@ -32,8 +32,8 @@ from sysid.residuals.localise import find
 from sysid.residuals.segment_fits import SegmentFits, fit_segments
 from sysid.residuals.whiteness import whiteness
 
-MUJOCO_CLIPS = 256  # played in MuJoCo at a time: their tracks are not kept
-MOVED_M = 0.003  # a ball with a smaller range of positions rested
+MUJOCO_CLIPS = 256  # clips played in MuJoCo at a time, to bound the memory
+MOVED_M = 0.003  # a ball with a smaller range of positions was at rest
 log = logging.getLogger(__name__)
 
 
@@ -42,9 +42,9 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     """Compare whole clips and segments with a model.
 
     Args:
-        clip_set: what was measured.
+        clip_set: the measurements.
         model: its constants are held.
-        start: (n, p) initial states for a warm start; None to grow the shots from their beginnings.
+        start: (n, p) initial states for a warm start; None to search them.
     """
     sigma = position_noise(clip_set)
     clip_set, _ = remove_outliers(clip_set, sigma)
@@ -77,7 +77,7 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
         log.info("segments and impacts, one by one")
         segment_samples = samples_of_segments(fits, tracks)
         after = impacts(fits, problem, tracks, clip_set, in_means)
-    del problem, fits  # with thousands of clips, what is laid out for fits is large
+    del problem, fits  # frees memory: with thousands of clips the arrays for fits are large
     sd_theta = theta_noise(clip_set.clips)
     return Comparison(
         clip_set, model, noise, slow, rows, segments, groups(samples, segments, rows, clip_set, noise, sd_theta),
@@ -88,7 +88,7 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
 
 
 def played_clips(clip_set: ClipSet, model: Model, start: Array | None = None) -> dict[str, Track]:
-    """A model's whole shots by clip, as `compare` plays them; the arguments are the same."""
+    """A model's whole shots by clip, as in `compare`, with the same arguments."""
     sigma = position_noise(clip_set)
     clip_set, _ = remove_outliers(clip_set, sigma)
     slow, none, n = slow_noise(clip_set, sigma), np.zeros(0), len(clip_set.clips)
@@ -99,12 +99,12 @@ def played_clips(clip_set: ClipSet, model: Model, start: Array | None = None) ->
 
 
 def with_mujoco(problem: ShotProblem) -> ShotProblem:
-    """The same problem played in MuJoCo, the model that is delivered."""
+    """The errors of the same problem played in MuJoCo, for which the model is exported."""
     return dataclasses.replace(problem, model=dataclasses.replace(problem.model, engine="mujoco"))
 
 
 def _segment_rows(fits: SegmentFits, clip_set: ClipSet, noise: float) -> tuple[SegmentRow, ...]:
-    """Every segment's figures, with noise that includes what tracks wander [m]."""
+    """Figures of every segment; `noise` includes slow noise [m]."""
     share = fits.problem.noise / noise
     return tuple(
         SegmentRow(

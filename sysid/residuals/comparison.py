@@ -1,6 +1,6 @@
 """The result of a comparison of model and measurement.
 
-In: what sysid/residuals/compare.py has computed. Out: a `Comparison`: values only, and its JSON, billiard-comparison/1.
+In: the figures of sysid/residuals/compare.py. Out: a `Comparison` of values only, and its JSON, billiard-comparison/1.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ClipRow:
 
     file: str
     struck_rms_m: float  # square root of the mean squared distance of the struck ball
-    rms_m: float  # the same over all moving balls
+    rms_m: float  # likewise, over all moving balls
     chi2_reduced: float
     held_out: bool  # not used for the model's constants
 
@@ -49,10 +49,10 @@ class SegmentRow:
 
 @dataclass(frozen=True)
 class Group:
-    """A group of samples or segments, and the model's position error there, which accumulates from event to event."""
+    """A group of samples or segments with the model's position error, which accumulates from event to event."""
 
     by: str  # "phase", "event", "speed", "clip", "ball", "rail", ...
-    where: str  # the group in plain words
+    where: str  # description of the group
     rms_m: float  # distance
     ratio: float  # rms per axis over the noise
     samples: int
@@ -60,12 +60,12 @@ class Group:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Model against measurement."""
+    """The comparison of a model with measurements."""
 
     clip_set: ClipSet
     model: Model
-    noise_m: float  # one standard deviation per axis, with what tracks wander
-    slow_noise: SlowNoise  # of it, what tracks wander about smooth paths
+    noise_m: float  # one standard deviation per axis, including slow noise
+    slow_noise: SlowNoise  # its part that wanders about smooth paths
     clips: tuple[ClipRow, ...]
     segments: tuple[SegmentRow, ...]
     where: tuple[Group, ...]  # whole shots, by group
@@ -73,16 +73,16 @@ class Comparison:
     tracks: tuple[Track, ...]  # whole shots of the model, at the measured times
     shots: tuple[Clip, ...]  # the clips compared, in the order of `tracks`
     initial_states: Array  # (n, p) of the clips, see sysid/estimation/shot_problem.py
-    segment_samples: Samples  # of segments, whose motion begins anew at each event
+    segment_samples: Samples  # of segments, which start again at each event
     impacts: Impacts
     local: Findings  # significant departures, see sysid/residuals/localise.py
     white: Whiteness
     mujoco: tuple[
         ClipRow, ...
-    ] = ()  # the same constants and initial states played in MuJoCo; empty where MuJoCo played all
+    ] = ()  # the same constants and initial states played in MuJoCo; empty if MuJoCo played everything
 
     def summary(self) -> dict[str, float]:
-        """Medians of the main figures; NaN where there are none."""
+        """Medians of the main figures; NaN if there are none."""
 
         def median(values: list[float]) -> float:
             return float(np.median(values)) if values else float("nan")
@@ -98,7 +98,7 @@ class Comparison:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """The file's content."""
+        """The content of the JSON file."""
         return {
             "format": "billiard-comparison/1",
             "noise_m": self.noise_m,

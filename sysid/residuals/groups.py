@@ -1,4 +1,4 @@
-"""Position errors of whole shots by group: their size, not their cause, since they accumulate from the first event on.
+"""Position errors of whole shots by group: sizes, not causes, since errors accumulate from the first event on.
 
 In: samples of whole shots, figures of segments and clips. Out: `Group`s: rms error of each, by phase, event and so on.
 """
@@ -15,7 +15,7 @@ from sysid.residuals.bins import SPEED_EDGES_M_S, Variable, span, variables
 from sysid.residuals.comparison import ClipRow, Group, SegmentRow
 from sysid.residuals.samples import Samples
 
-MIN_GROUP_SAMPLES = 12  # from which a group is listed
+MIN_GROUP_SAMPLES = 12  # fewest samples of a listed group
 ABS_SIDESPIN_EDGES_RAD_S = (0.0, 5.0, 20.0, 50.0, np.inf)
 PHASE_WORDS = {"slide": "while sliding", "roll": "while rolling", "spin": "spinning in place", "rest": "at rest"}
 EVENT_WORDS = {
@@ -85,7 +85,7 @@ def _words(variable: Variable) -> list[str]:
 
 
 def _marks(samples: Samples, radius: float, sd_theta: float) -> list[Group]:
-    """Errors of the marks' angles, as path on the ball's surface, by sidespin."""
+    """Errors of the marks' angles, as a distance on the ball's surface, by sidespin."""
     found = []
     seen = np.isfinite(samples.angle)
     band = np.digitize(np.abs(samples.spin), ABS_SIDESPIN_EDGES_RAD_S) - 1

@@ -1,15 +1,15 @@
-"""Velocities after impacts that a model lacks: each segment is simulated on through the event that ended it.
+"""Missing velocities after impacts: each segment is simulated beyond the event that ended it.
 
 In: fitted segments, and the tracks of whole shots. Out: `Impacts`.
 
-The state at the end of a segment is fitted to that segment alone, so that neither earlier impacts nor the cloth add
-their errors: the velocity with which the next segment begins, less the one that the model predicts, is the error of the
-impact alone. It is resolved along the normal (out of the cushion, or along the line of centres) and the tangent (in the
-direction of motion), and divided by the speed of approach.
+The state at the end of a segment is fitted to that segment alone, without errors of earlier impacts or of the cloth.
+So the initial velocity of the next segment, minus the model's prediction, is the error of the impact alone. It is
+resolved along the normal (out of the cushion, or along the line of centres) and the tangent (in the direction of
+motion), and divided by the speed of approach.
 
-Left out: sidespin, which a segment by itself does not determine, is that of the whole shot's track. An impact is
-skipped where a segment beside it is short, where the other ball of a pair was moving, and where the model predicts
-another event, or none.
+Left out: a single segment does not determine sidespin, which is taken from the whole shot's track. An impact is skipped
+if a segment before or after it is short, if the other ball of a pair was moving, or if the model predicts another
+event, or none.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from sysid.estimation.shot_problem import ShotProblem
 from sysid.residuals.collect import MIN_SLIP_M_S, motions
 from sysid.residuals.segment_fits import SegmentFits, sidespin
 
-COMPARED_SAMPLE = 2  # of the next segment, at which velocities are compared: an event may be seen a frame early
-MIN_SEGMENT_SAMPLES = 8  # that determine a velocity
-MAX_GAP_S = 0.15  # longest time between two segments beside an impact
+COMPARED_SAMPLE = 2  # sample of the next segment whose velocities are compared: an event may be detected too early
+MIN_SEGMENT_SAMPLES = 8  # fewest samples for a velocity
+MAX_GAP_S = 0.15  # longest time between the segments before and after an impact
 MIN_APPROACH_M_S = 0.05
 RESTING_MOTION_M = 0.003  # apparent motion of a ball at rest
-ROLLED_SAMPLES = 12  # of rolling before an impact with which the spin is known
-DOUBTFUL_RATIO = 1.2  # rms of a segment over the median of all from which its initial state is doubtful
-DOUBTFUL_SD = 0.05  # of the approach: sd of a velocity where spin or segment are doubtful [1]
+ROLLED_SAMPLES = 12  # samples of rolling before an impact after which the spin is known
+DOUBTFUL_RATIO = 1.2  # rms of a segment over the median of all above which its initial state is doubtful
+DOUBTFUL_SD = 0.05  # sd of a velocity over the approach, if spin or segment are doubtful [1]
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """Impacts whose segments before and after were seen, one row for each ball that moves after."""
+    """Impacts with segments before and after, one row for each ball that moves afterwards."""
 
     clip: NDArray[np.int64]  # (n,) index into the clip set
     time: Array  # (n,) [s]
@@ -57,7 +57,7 @@ class Impacts:
 
 
 def no_impacts() -> Impacts:
-    """None at all."""
+    """The value without any impact."""
     none, pair = np.empty(0), np.empty((0, 2))
     return Impacts(np.empty(0, dtype=np.int64), none, pair, (), (), none, none, none, pair, none)
 
@@ -72,14 +72,14 @@ class _Case:
 
 
 def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip_set: ClipSet, noise: float) -> Impacts:
-    """Simulate every good segment on through the event that ended it.
+    """Simulate every good segment beyond the event that ended it.
 
     Args:
         fits: the segments.
         shots: the whole shots, whose model has cushions.
-        tracks: theirs.
-        clip_set: their clips.
-        noise: of positions in means, one standard deviation per axis [m].
+        tracks: of the whole shots.
+        clip_set: of the segments.
+        noise: of averaged positions, one standard deviation per axis [m].
     """
     cases = []
     for k, s in enumerate(fits.problem.segments):
@@ -102,7 +102,7 @@ def impacts(fits: SegmentFits, shots: ShotProblem, tracks: Sequence[Track], clip
 
 
 def _case(k: int, fits: SegmentFits, whole: Track, clip_set: ClipSet) -> _Case | None:
-    """The shot that continues where a segment ended; None where nothing follows that could be compared."""
+    """The shot that continues where a segment ended; None if nothing comparable follows."""
     segments, played = fits.problem.segments, fits.tracks[k]
     s = segments[k]
     end = float(s.time[-1])
@@ -138,7 +138,7 @@ def _case(k: int, fits: SegmentFits, whole: Track, clip_set: ClipSet) -> _Case |
 
 
 def _rows(case: _Case, track: Track, event: Event, fits: SegmentFits, sigma: float) -> list[tuple[Any, ...]]:
-    """Rows of `Impacts` of a case that was simulated, one for each ball that moves after."""
+    """Rows of `Impacts` for a simulated case, one for each ball that moves afterwards."""
     segments, radius = fits.problem.segments, fits.problem.model.ball.radius
     s, before = segments[case.before], fits.tracks[case.before]
     velocity = case.shot.velocity[0]
@@ -193,7 +193,7 @@ def _resting_ball(balls: Mapping[str, Observation], s: Segment, end: Array) -> t
 
 
 def _position_at(shot: Shot, time: float, contact: float | None) -> Array:
-    """Position of the first ball at its impact: straight on, at the distance of contact from the other ball if any."""
+    """Position of the first ball at its impact, extrapolated in a straight line to the distance of contact."""
     start, velocity = shot.position[0], shot.velocity[0]
     if contact is None:
         return np.asarray(start + time * velocity)

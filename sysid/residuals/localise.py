@@ -1,4 +1,4 @@
-"""Where a model fails: significant departures of balls between events and at impacts, in plain words.
+"""Where a model fails: significant departures of balls between events and at impacts, as sentences.
 
 In: samples of segments and of whole shots, impacts. Out: `Findings`.
 
@@ -6,10 +6,10 @@ Between events every group of samples (a phase, and a range of speeds, places an
 that the model may lack: along the path, across it, along x, along y (sysid/residuals/accelerations.py). At impacts
 every group has two mean velocities: along normal and tangent (sysid/residuals/impacts.py). Of hundreds of groups some
 depart by chance, and one missing effect shows in many groups. So a group is named only if chance would find one like it
-among all of them once or twice in a hundred comparisons (Bonferroni), and groups are named one after another: first the
-one that explains the most, which is then subtracted from the residuals (matching pursuit, Mallat and Zhang 1993), until
-none is significant. A variable's share is how much chi-square beyond the noise its groups explain together; its z that
-of the F test.
+among all of them in one or two of a hundred comparisons (Bonferroni), and groups are named in turn: first the one that
+explains the most, which is then subtracted from the residuals (matching pursuit, Mallat and Zhang 1993), until none is
+significant. A variable's share is the chi-square beyond the noise that its groups explain together; its z is that of
+the F test.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from sysid.residuals.significance import TABLE_DIRECTION, CandidateDeparture, Ca
 Mask = NDArray[np.bool_]
 PHASE_NAMES = {"slide": "sliding balls", "roll": "rolling balls"}
 PHASE_OF_VARIABLE = {"slip": "slide"}  # variables of one phase
-MIN_BLOCKS, MIN_IMPACTS = 8, 4  # of a group
-MIN_TURNING_RAD_S = 5.0  # sidespin whose decay is tested
-STATE_ERROR = 0.003  # of the approach: error of the state before an impact beside the noise [1]
+MIN_BLOCKS, MIN_IMPACTS = 8, 4  # fewest blocks, or impacts, of a group
+MIN_TURNING_RAD_S = 5.0  # least sidespin whose decay is tested
+STATE_ERROR = 0.003  # error of the state before an impact in addition to noise, over the approach [1]
 MAX_JUMP_SCATTERS = 20.0  # robust standard deviations to which an impact's jump is clipped
 IMPACT_KINDS = {  # of an impact's ball: its group in words
     "cushion": "rebounds from cushions", "hitting ball": "balls that hit another", "hit ball": "balls hit by another",
@@ -52,13 +52,13 @@ IMPACT_KINDS = {  # of an impact's ball: its group in words
 def find(
     segments: Samples, shots: Samples, impacts: Impacts, table: Table, clips: int, sigma: float, sd_theta: float
 ) -> Findings:
-    """Name significant departures.
+    """Find the significant departures.
 
     Args:
         segments: samples of segments, each with its fitted initial state.
         shots: samples of whole shots.
         impacts: velocities after impacts.
-        table: that was played on.
+        table: of the clips.
         clips: how many there are.
         sigma: noise of positions per axis [m].
         sd_theta: noise of the marks' angles [rad].
@@ -79,7 +79,7 @@ def find(
 
 
 def accelerations(samples: Samples, table: Table, clips: int, sigma: float) -> Candidates | None:
-    """Accelerations of balls between events that the model lacks [m/s^2]; None without a phase that is long enough."""
+    """Missing accelerations of balls between events [m/s^2]; None without a sufficiently long phase."""
     known = np.array([m in PHASE_NAMES for m in samples.motion], dtype=bool)
     change = [a != b for a, b in zip(samples.motion[1:], samples.motion[:-1], strict=True)]
     number = np.cumsum(
@@ -127,7 +127,7 @@ def _mean_accelerations(
 def _acceleration_slopes(
     phases: Phases, heading: Array, samples: Samples, phase: str, inside: Mask
 ) -> list[CandidateDeparture]:
-    """Accelerations in proportion to speed, and to sidespin."""
+    """Candidate accelerations in proportion to speed, and to sidespin."""
     found, (cos, sin) = [], heading
     who, count = PHASE_NAMES[phase], int(inside.sum())
     for name, per, values, quantities in (
@@ -147,7 +147,7 @@ def _acceleration_slopes(
 
 
 def spin_decays(samples: Samples, clips: int, sd_theta: float) -> Candidates | None:
-    """Decay of sidespin that the model lacks, from the marks [rad/s^2]; None without marks that turn."""
+    """Missing decay of sidespin, from the marks [rad/s^2]; None without turning marks."""
     seen = np.isfinite(samples.angle)
     quick = seen & (np.abs(samples.spin) > MIN_TURNING_RAD_S)
     if not quick.any():
@@ -181,7 +181,7 @@ def spin_decays(samples: Samples, clips: int, sd_theta: float) -> Candidates | N
 
 
 def velocities_after(impacts: Impacts, table: Table, clips: int) -> Candidates | None:
-    """Velocities after impacts that the model lacks, over the approach [1]; None without impacts."""
+    """Missing velocities after impacts, over the approach [1]; None without impacts."""
     n = len(impacts.time)
     if n < MIN_IMPACTS:
         return None

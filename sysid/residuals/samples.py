@@ -1,4 +1,4 @@
-"""Residuals sample by sample, with the state of the ball there.
+"""Residuals of every sample, with the ball's state.
 
 In: what sysid/residuals/collect.py gathers. Out: `Samples`: one row for each sample of the compared clips.
 """

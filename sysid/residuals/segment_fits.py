@@ -24,7 +24,7 @@ from sysid.estimation.solver.least_squares import fit_each
 from sysid.estimation.state_search import state_information
 
 MAX_FIT_STEPS = 10
-START_ROLLS = (1.0, 0.0)  # spin with which fits of a segment begin, of natural roll
+START_ROLLS = (1.0, 0.0)  # start values of a segment's spin, over natural roll
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class SegmentFits:
 
     @property
     def good(self) -> NDArray[np.bool_]:
-        """(n,) Those without an unseen event."""
+        """Which segments contain no undetected event: (n,)."""
         return np.asarray(self.ratio < UNSEEN_EVENT_RATIO)
 
     @cached_property
@@ -48,9 +48,9 @@ class SegmentFits:
 
     @cached_property
     def velocity_sds(self) -> Array:
-        """(n, 2) Standard deviation an axis of the velocity with which each begins and ends [m/s].
+        """Standard deviations per axis of the velocities at the beginning and end of each segment: (n, 2) [m/s].
 
-        From the information on its initial state, what is known beside its samples with it.
+        They follow from the information on the initial state, including its prior.
         """
         p, x = self.problem, self.initial_states
         c, every = values_of(p.model, p.names), np.arange(len(x))

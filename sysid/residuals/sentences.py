@@ -1,6 +1,6 @@
-"""Departures in plain words.
+"""Sentences that describe departures.
 
-In: who departs and in which quantity. Out: a function that makes the sentence for a value and its standard deviation.
+In: who departs, and in which quantity. Out: a function from a value and its standard deviation to the sentence.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ Sentence = Callable[[float, float], str]
 
 
 def acceleration_sentence(who: str, quantity: str, per: str = "") -> Sentence:
-    """Of a missing acceleration in [m/s^2], or of one for each unit of something."""
+    """Sentence on a missing acceleration [m/s^2], or on one for each unit of another quantity."""
 
     def sentence(value: float, sd: float) -> str:
         size = f"{_pair(1e3 * abs(value), 1e3 * sd)} mm/s^2" + (f" for each {UNIT_WORDS[per]}" if per else "")
         if quantity == "along":
             what = f"slow down by {size} {'less' if value > 0 else 'more'} than modelled"
         elif quantity == "across":
-            what = f"are pulled by {size} to the {'left' if value > 0 else 'right'} of their way"
+            what = f"are pulled by {size} to the {'left' if value > 0 else 'right'} of their path"
         else:
             what = f"are pulled by {size} towards {'+' if value > 0 else '-'}{quantity}"
         return f"{who} {what} (z {abs(value) / sd:.0f})"
@@ -30,7 +30,7 @@ def acceleration_sentence(who: str, quantity: str, per: str = "") -> Sentence:
 
 
 def spin_decay_sentence(who: str) -> Sentence:
-    """Of a missing decay of sidespin in [rad/s^2]."""
+    """Sentence on a missing decay of sidespin [rad/s^2]."""
     return lambda value, sd: (
         f"{who} lose {_pair(abs(value), sd)} rad/s of sidespin a second {'less' if value > 0 else 'more'} "
         f"than modelled (z {abs(value) / sd:.0f})"
@@ -38,14 +38,14 @@ def spin_decay_sentence(who: str) -> Sentence:
 
 
 def velocity_sentence(who: str, quantity: str, per: str = "") -> Sentence:
-    """Of a missing velocity after an impact, over the speed of approach."""
+    """Sentence on a missing velocity after an impact, over the speed of approach."""
 
     def sentence(value: float, sd: float) -> str:
         size = f"{_pair(100 * abs(value), 100 * sd)} % of the approach" + per
         if quantity == "normal" and who.startswith("rebounds"):
             what = f"leave {'faster' if value > 0 else 'slower'} by {size}"
         elif quantity == "normal":
-            what = f"go on {'faster' if value > 0 else 'slower'} along the line of centres by {size}"
+            what = f"continue {'faster' if value > 0 else 'slower'} along the line of centres by {size}"
         else:
             what = f"keep {size} {'more' if value > 0 else 'less'} of the speed along the tangent"
         return f"{who} {what} than modelled (z {abs(value) / sd:.0f})"

@@ -1,11 +1,11 @@
-"""Departures: coefficients of many candidate regressors in one set of residuals, and the few that are significant.
+"""Departures: coefficients of many candidate regressors in a set of residuals, and the significant ones.
 
 In: `Candidates`. Out: `Departure`s and `Dependence`s, of which a `Findings` is made.
 
-Each clip gives a value of a coefficient, with the uncertainty of the noise. Under a model that is wrong elsewhere the
-clips' values differ by more than that, so they are averaged with a variance between clips (random effects, DerSimonian
-and Laird 1986), and the mean's uncertainty is their scatter (Hartung and Knapp 2001), judged by Student's t with the
-effective number of clips: a difference that only two clips show is no proof, however clear.
+Each clip gives a value of a coefficient, with the uncertainty due to noise. If the model is wrong elsewhere, the clips'
+values differ by more than that, so they are averaged with a variance between clips (random effects, DerSimonian and
+Laird 1986), and the mean's uncertainty is their scatter (Hartung and Knapp 2001), judged by Student's t with the
+effective number of clips: a difference that only two clips show is not significant, however clear.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from scipy.special import fdtrc, ndtri, stdtr
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-FALSE_ALARM_RATE = 0.01  # of comparisons without a fault that name anything
+FALSE_ALARM_RATE = 0.01  # share of comparisons of a perfect model that name a departure
 TABLE_DIRECTION = "direction on the table"  # the variable of an acceleration that is the same everywhere
 PLACE_VARIABLE = "place"
-MAX_NAMED = 6  # departures of one kind
+MAX_NAMED = 6  # most departures of one kind
 MIN_EFFECTIVE_FREEDOM = 1.0  # effective number of clips, less one
 MAX_QUANTILE = 38.0  # of a normal, beyond which probabilities are 0 in double precision
 
 
 @dataclass(frozen=True)
 class Departure:
-    """How measured balls depart from the model in a group."""
+    """The departure of measured balls from the model in a group."""
 
     where: str  # a sentence
     variable: str
-    group: str  # in plain words
+    group: str  # description
     quantity: str
     value: float  # measured minus modelled
     unit: str
@@ -49,7 +49,7 @@ class Departure:
 
 @dataclass(frozen=True)
 class Dependence:
-    """How much of the chi-square beyond the noise a variable's groups explain."""
+    """The share of the chi-square beyond the noise that a variable's groups explain."""
 
     of: str  # "motion", "turning", "impacts"
     variable: str
@@ -62,9 +62,9 @@ class Dependence:
 class Findings:
     """Departures and dependences of a comparison."""
 
-    named: tuple[Departure, ...]  # the most evident first, each beyond what those before it explain
-    groups: tuple[Departure, ...]  # every group by itself
-    dependence: tuple[Dependence, ...]  # by what they are of, the largest share first
+    named: tuple[Departure, ...]  # the most evident first, each after subtraction of those before it
+    groups: tuple[Departure, ...]  # every group alone
+    dependence: tuple[Dependence, ...]  # by kind, the largest share first
     tests: int  # groups tested
 
 
@@ -78,7 +78,7 @@ class Regressor:
 
 @dataclass(frozen=True)
 class CandidateDeparture:
-    """A departure that is tested: a group, a quantity, and the residuals that one unit of it leaves."""
+    """A tested departure: a group, a quantity, and the residuals that one unit of it causes."""
 
     variable: str
     group: str
@@ -91,17 +91,17 @@ class CandidateDeparture:
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Coefficients of candidates with their uncertainty, each (k,); NaN where too few clips determine one."""
+    """Coefficients of candidates with their uncertainty, each (k,); NaN if too few clips determine one."""
 
     value: Array
     sd: Array
-    quantile: Array  # normal quantile as unlikely by chance
+    quantile: Array  # normal quantile of the same probability
     gain: Array  # chi-square explained
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """All candidates in one set of residuals."""
+    """All candidates for one set of residuals."""
 
     of: str  # "motion", "turning", "impacts"
     all: tuple[CandidateDeparture, ...]  # k
@@ -111,7 +111,7 @@ class Candidates:
 
     @cached_property
     def _cluster(self) -> Index:
-        """Number of each row's clip, without gaps: (m,)."""
+        """Index of each row's clip, numbered without gaps: (m,)."""
         return np.unique(self.clip, return_inverse=True)[1]
 
     @cached_property
@@ -120,18 +120,18 @@ class Candidates:
         return self._sums(lambda s: s.value**2)
 
     def _sums(self, of: Callable[[Regressor], Array]) -> Array:
-        """A quantity of the rows of every regressor, summed over each clip: (c, k)."""
+        """Sum over each clip of a quantity of every regressor's rows: (c, k)."""
         count = self._cluster.max(initial=-1) + 1
         sums = [np.bincount(self._cluster[c.regressor.row], of(c.regressor), count) for c in self.all]
         return np.reshape(sums, (len(sums), count)).T
 
     @cached_property
     def single(self) -> Coefficients:
-        """Every candidate by itself."""
+        """Coefficients of every candidate alone."""
         return self.coefficients(self.residual)
 
     def coefficients(self, residual: Array) -> Coefficients:
-        """Every candidate by itself, in these residuals (m,)."""
+        """Coefficients of every candidate alone, in these residuals (m,)."""
         weight = self._information
         with np.errstate(divide="ignore", invalid="ignore"):
             cross = self._sums(lambda s: s.value * residual[s.row])
@@ -154,16 +154,16 @@ class Candidates:
         return Coefficients(*(np.where(good, v, np.nan) for v in (value, sd, quantile, gain)))
 
     def departures(self) -> list[Departure]:
-        """Every group by itself."""
+        """The departure of every group alone."""
         return [_departure(self, self.single, k) for k in range(len(self.all)) if np.isfinite(self.single.value[k])]
 
     def dependence(self) -> list[Dependence]:
-        """Every variable's groups together."""
+        """The dependence on every variable, from its groups together."""
         rows = (self._explained_by(name) for name in dict.fromkeys(c.variable for c in self.all))
         return [row for row in rows if row is not None]
 
     def _explained_by(self, variable: str) -> Dependence | None:
-        """What the groups of a variable explain together; None where they concern no residual."""
+        """The dependence on a variable, from its groups together; None if they concern no residual."""
         total = float(self.residual @ self.residual)
         beyond = total - self.freedom
         axes = ("x", "y") if variable == PLACE_VARIABLE else ("along", "across")
@@ -190,11 +190,11 @@ class Candidates:
 
 
 def pursue(candidates: Candidates, tests: int) -> list[Departure]:
-    """Name significant candidates one after another, each the one that explains most of the residuals that remain.
+    """Find the significant candidates in turn, each the one that explains most of the remaining residuals.
 
     Args:
         candidates: of one kind.
-        tests: number of candidates among which chance may find one (Bonferroni).
+        tests: number of candidates for the Bonferroni correction.
     """
     threshold = -ndtri(FALSE_ALARM_RATE / 2 / max(tests, 1))
     named: list[Departure] = []

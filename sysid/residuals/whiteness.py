@@ -1,4 +1,4 @@
-"""Whether residuals are white noise: their autocorrelation, and the number of their sign changes.
+"""Test of residuals for white noise, by their autocorrelation and their number of sign changes.
 
 In: samples and the noise per axis. Out: a `Whiteness`.
 
@@ -19,9 +19,9 @@ from sysid.residuals.samples import Array, Samples
 
 MAX_LAG = 40
 NEGLIGIBLE_CORRELATION = 0.1  # too small to matter
-MAX_NOISE_RATIO = 2.0  # root mean square over the noise, beyond which residuals are more than noise
-MAX_STATED_RATIO = 10.0  # the same, beyond which no noise that was stated wrongly explains them
-SIGNIFICANT_SD = 4.0  # standard deviations
+MAX_NOISE_RATIO = 2.0  # rms over the noise above which residuals are more than noise
+MAX_STATED_RATIO = 10.0  # rms over the noise above which a wrongly stated noise cannot explain them
+SIGNIFICANT_SD = 4.0  # least significance, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -30,19 +30,19 @@ class Whiteness:
 
     ratio: float  # root mean square over the noise
     autocorrelation: tuple[float, ...]  # of lags 1, 2, ...
-    band: tuple[float, ...]  # 95 % of white noise's lie within plus or minus this
-    changes: float  # sign changes over their number expected of white noise
-    z: float  # of that number, negative where signs last
+    band: tuple[float, ...]  # white noise is within plus or minus this in 95 % of cases
+    changes: float  # sign changes over the number expected for white noise
+    z: float  # of that number, negative if signs persist
     samples: int
 
     @property
     def white(self) -> bool:
-        """Of the size of the noise, without autocorrelation of the first lags or lack of sign changes beyond chance."""
+        """Whether residuals are of the size of the noise and uncorrelated."""
         return self.uncorrelated and not self.ratio > MAX_NOISE_RATIO
 
     @property
     def uncorrelated(self) -> bool:
-        """No autocorrelation of the first lags and no lack of sign changes beyond chance."""
+        """Whether neither the first lags' autocorrelation nor a lack of sign changes exceeds chance."""
         first = zip(self.autocorrelation[:10], self.band[:10], strict=True)
         return not any(r > max(SIGNIFICANT_SD / 1.96 * b, NEGLIGIBLE_CORRELATION) for r, b in first) and not (
             self.z < -SIGNIFICANT_SD and self.changes < 1 - NEGLIGIBLE_CORRELATION
@@ -51,37 +51,37 @@ class Whiteness:
     def in_words(self) -> str:
         """One sentence."""
         if not self.samples:
-            return "Residuals: too few samples to tell whether they are noise."
+            return "Residuals: too few samples for a test of whether they are noise."
         first = self.autocorrelation[0]
         if self.white:
             return f"Residuals are white: neighbours correlate by {first:+.2f}, {self.ratio:.2f} times the noise."
         if self.uncorrelated and self.ratio > MAX_STATED_RATIO:
             return (
-                f"Residuals are {self.ratio:.0f} times the noise: that is no noise, though neighbours correlate by "
-                f"{first:+.2f} only. Some samples or clips lie far from anything the model does; begin with the worst "
-                "clips."
+                f"Residuals are {self.ratio:.0f} times the noise: too large to be noise, though neighbours correlate "
+                f"by {first:+.2f} only. Some samples or clips are far from any motion of the model; start with the "
+                "worst clips."
             )
         if self.uncorrelated:
             return (
                 f"Residuals are {self.ratio:.2f} times the noise, though neighbours correlate by {first:+.2f} only: "
-                "single samples lie far off, or the noise is larger than stated."
+                "there are outliers, or the noise is larger than stated."
             )
         least = max(max(self.band), 0.2)
         last = next((k for k, r in enumerate(self.autocorrelation) if r < least), len(self.autocorrelation))
         more = "at least " if last == len(self.autocorrelation) else ""
         return (
             f"Residuals are not white: neighbours correlate by {first:+.2f}, over {more}{max(last, 1)} samples; "
-            f"signs change {self.changes:.2f} times as often as noise's (z {self.z:.0f}); {self.ratio:.2f} times "
+            f"signs change {self.changes:.2f} times as often as for noise (z {self.z:.0f}); {self.ratio:.2f} times "
             "the noise."
         )
 
     def to_json(self) -> dict[str, Any]:
-        """The figures, and their meaning in words."""
+        """The figures, and a sentence on their meaning."""
         return {**vars(self), "white": self.white, "words": self.in_words()}
 
 
 def whiteness(samples: Samples, sigma: float) -> Whiteness:
-    """Of moving balls' residuals; sigma is the noise per axis [m]."""
+    """The whiteness of moving balls' residuals; sigma is the noise per axis [m]."""
     moving = np.array([m != "rest" for m in samples.motion], dtype=bool) & np.isfinite(samples.residual).all(axis=1)
     e: Array = samples.residual[moving] / sigma
     label: NDArray[np.int64] = samples.segment[moving]

@@ -1,9 +1,9 @@
-"""Whole shots as a `FitView`: what acts between impacts shows in them best.
+"""A `FitView` of whole shots, which show best what acts between impacts.
 
-In: clips (`Split`) and a fit of whole shots (`FittedModel`). Out: what they say of candidates.
+In: clips (`Split`) and a fit of whole shots (`FittedModel`). Out: their evidence on candidates.
 
-A shot may sit in a false optimum beside one model and not beside another. So a fit begins at the likeliest of a few
-sizes of a candidate, and two fits are compared only after each has tried the states to which the other has led.
+A shot may be in a false optimum with one model and not with another. So a fit starts at the likeliest of a few sizes of
+a candidate, and two fits are compared only after each has tried the states of the other.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sysid.selection.signatures import Candidate, with_candidate
 from sysid.selection.view import FitView
 
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
-MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, for another optimum to be taken
+MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, to use another optimum
 log = logging.getLogger(__name__)
 
 
@@ -45,7 +45,7 @@ class ByWholeShots(FitView):
 
     @property
     def point(self) -> Point:
-        """Its problem and its constants."""
+        """The problem and constants of the fit."""
         return self.now
 
     @property
@@ -69,7 +69,7 @@ class ByWholeShots(FitView):
 
     @cached_property
     def design_effect(self) -> float:
-        """Of the shots, or of the samples of each, which are correlated."""
+        """Design effect of the shots, or of their correlated samples."""
         seen = self._alone
         return max(design_effect(seen.information, seen.gradient), counted_as_one(self.now))
 
@@ -80,7 +80,7 @@ class ByWholeShots(FitView):
 
     @property
     def leaves_noise(self) -> bool:
-        """Whether residuals beyond the noise are no more than chance leaves."""
+        """Whether residuals beyond the noise are explained by chance."""
         return self.now.discrepancy_rate == 0.0
 
     def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
@@ -88,7 +88,7 @@ class ByWholeShots(FitView):
         return linearise(self.now, candidates, quick=True, together=together)
 
     def with_effect(self, score: Score) -> Self:
-        """The fit with an effect more, or with another formula."""
+        """The fit with an additional effect, or with another formula."""
         now, name = self.now, score.candidate.name
         if any(one.name() == name for one in now.model.effects):
             now = remove_effect(now, name)
@@ -99,20 +99,20 @@ class ByWholeShots(FitView):
         return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
 
     def stripped(self, name: str) -> Self:
-        """The same without an effect, its other constants as they are."""
+        """The fit without an effect, other constants unchanged."""
         return dataclasses.replace(self, now=remove_effect(self.now, name))
 
     def beside(self, other: Self) -> Self:
-        """The fit from the initial states of another one in the shots where they are likelier."""
+        """The fit, started from the initial states of another one in the shots where they are likelier."""
         now = warm_started(self.parts, self.now, other.now, "from another optimum")
         return self if now is None else dataclasses.replace(self, now=now)
 
     def renewed(self) -> Self:
-        """The same: each fit of whole shots has the most likely errors."""
+        """The fit itself: each fit of whole shots has the most likely errors."""
         return self
 
     def searched(self) -> Self:
-        """The fit with shots that miss by more than most, held-out ones as well, begun elsewhere if likelier."""
+        """The fit with new initial states for poorly followed shots, including held-out ones, if likelier."""
         now, before = with_found_starts(self.now), self.now.held_out
         if self.parts.held_out is not None and before is not None:
             held = fit_held_out(now, self.parts.held_out, before.initial_states)
@@ -121,15 +121,15 @@ class ByWholeShots(FitView):
         return self if now is self.now else dataclasses.replace(self, now=now)
 
     def continued(self) -> Self:
-        """Every fit of whole shots goes on until it converges."""
+        """The fit itself: each fit of whole shots continues until it converges."""
         return self
 
     def gain(self, more: Self) -> float:
-        """By how much another fit is likelier, each at its most likely errors of the model."""
+        """Gain of log likelihood by another fit, each at its most likely errors of the model."""
         return 0.5 * compare_fits(self.now, more.now, 1.0).improvement
 
     def held_gain(self, more: Self) -> float:
-        """The same of the shots held out, constants moved as far as the fit leaves them open."""
+        """The gain in held-out shots, with constants moved within their uncertainty."""
         one, two = self.now.held_out, more.now.held_out
         if one is None or two is None:
             return 0.0
@@ -138,12 +138,12 @@ class ByWholeShots(FitView):
 
 
 def _loss(held: HeldOut) -> float:
-    """Of held-out clips, half the sum of squares."""
+    """Half the sum of squares of held-out clips."""
     return 0.5 * float(np.nansum(held.residuals**2))
 
 
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
-    """All constants, those of a candidate among them, and all initial states, from the optimum without it."""
+    """Fit all constants, including a candidate's, and all initial states, from the optimum without it."""
     one = score.candidate
     x, c, effect = _best_start(base, score)
     values = np.array([float(getattr(effect, key)) for key in effect.parameters()])
@@ -153,9 +153,9 @@ def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
 
 
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
-    """Initial states (n, p), constants (q,) and the effect to start from: at its predicted or its usual size, held.
+    """Start values: initial states (n, p), constants (q,) and the effect at its predicted or its usual size, held.
 
-    A fit that lacks a large effect has bent its constants, and one that frees the effect at once may stay there.
+    A fit that lacks a large effect has biased constants, and a fit that frees the effect at once may keep them.
     """
     one, off = score.candidate, score.candidate.off()
     bounds = one.bounds()
@@ -177,7 +177,7 @@ def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:
 
 
 def with_better_states(one: FittedModel, other: FittedModel) -> tuple[FittedModel, float]:
-    """`one` with the initial states of `other` in the shots where they give less loss, and by how much it falls."""
+    """`one` with the initial states of `other` in the shots where they lower the loss, and the fall of the loss."""
     seen = one.weighted
     x = fit_states(seen, other.initial_states, one.constants, WARM_START_STEPS)
     old, new = (shot_losses(seen, at, one.constants)[0] for at in (one.initial_states, x))
@@ -187,9 +187,9 @@ def with_better_states(one: FittedModel, other: FittedModel) -> tuple[FittedMode
 
 
 def warm_started(parts: Split, one: FittedModel, other: FittedModel, what: str) -> FittedModel | None:
-    """Fit `one` again, from the initial states of `other` in the shots where they give less loss.
+    """Fit `one` again, from the initial states of `other` in the shots where they lower the loss.
 
-    None where that does not lower its loss noticeably.
+    None if that does not lower its loss noticeably.
     """
     mixed, gain = with_better_states(one, other)
     loss = float(shot_losses(one.weighted, one.initial_states, one.constants)[0].sum())

@@ -1,9 +1,9 @@
-"""Windows of one impact each as a `FitView`: effects judged by how each impact follows from the one before it.
+"""A `FitView` of windows of one impact each: judges effects by how each impact follows from the one before it.
 
-In: a fit of windows. Out: what they say of candidates.
+In: a fit of windows. Out: their evidence on candidates.
 
-Where a model lacks much, or after a dozen impacts, whole shots say little (sysid/estimation/chain.py). Windows of one
-impact that hang together do.
+If a model lacks much, or after a dozen impacts, whole shots show little (sysid/estimation/chain.py). Consecutive
+windows of one impact each still do.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from sysid.selection.score import Linearised, Score
 from sysid.selection.signatures import Candidate, Signature
 from sysid.selection.view import FitView
 
-CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # of the constants: with or without an effect, of the last model
-TRIAL_STEPS = 3  # of the states at each of them where a fit may begin
-PROBE_OF_USUAL = 0.1  # change of a candidate's parameter, over its usual size, from which its derivative is taken
+CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # iterations of the constants: with or without an effect, and of the last model
+TRIAL_STEPS = 3  # iterations of the states at each start value of a fit
+PROBE_OF_USUAL = 0.1  # finite-difference step of a candidate's parameter, over its usual size
 log = logging.getLogger(__name__)
 
 
@@ -48,7 +48,7 @@ class ByWindows(FitView):
 
     @property
     def fitted(self) -> FittedModel:
-        """As a fit of whole shots that are not played; the base itself where nothing was added to it."""
+        """The constants as a fit of whole shots that are not played; the base itself if nothing was added."""
         return self.base if self.names == self.base.names else of_windows(self.at, self.base)
 
     @property
@@ -88,43 +88,43 @@ class ByWindows(FitView):
         return dataclasses.replace(self, at=without_effect(self.at, name, 0))
 
     def beside(self, other: Self) -> Self:
-        """The fit at the errors of the model that another one has, and from its windows where these are likelier."""
+        """The fit at another one's errors of the model, started from its windows where these are likelier."""
         spread = other.at.fitted.chain.spread
         at = self.at if self.at.fitted.chain.spread == spread else searched(self.at, spread)
         at = from_other(at, other.at, CANDIDATE_STEPS)
         return self if at is self.at else dataclasses.replace(self, at=at)
 
     def renewed(self) -> Self:
-        """The fit from windows searched anew, at the most likely errors of the model."""
+        """The fit from windows searched again, at the most likely errors of the model."""
         return dataclasses.replace(self, at=searched(self.at))
 
     def searched(self) -> Self:
-        """The same: its windows were searched when it was renewed."""
+        """The fit itself: its windows were searched when it was renewed."""
         return self
 
     def continued(self) -> Self:
-        """The fit after as many steps more as one with a candidate gets."""
+        """The fit after as many further steps as a fit with a candidate takes."""
         found = self.at.fitted
         more = fit_chain(found.chain, found.states, found.constants, CANDIDATE_STEPS, "with nothing more")
         return dataclasses.replace(self, at=moved_to(self.at, more))
 
     def gain(self, more: Self) -> float:
-        """By how much another fit at the same errors of the model is likelier."""
+        """Gain of log likelihood by another fit at the same errors of the model."""
         return float((self.at.fitted.losses - more.at.fitted.losses).sum())
 
     def held_gain(self, more: Self) -> float:
-        """The same of the shots held out."""
+        """The gain in held-out shots."""
         return float((self.at.held_losses() - more.at.held_losses()).sum())
 
 
 def as_point(at: WindowFit) -> Point:
-    """Where a fit of windows is, without states."""
+    """The constants of a fit of windows, without states."""
     chain = at.fitted.chain
     return Point(chain.problem, np.zeros((0, 0)), at.fitted.constants, chain.spread.impact)
 
 
 def linearise_windows(at: WindowFit, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
-    """A fit of windows with candidates beside it as quadratic losses of its shots, or of all together."""
+    """Quadratic losses of a fit of windows and candidates, for each shot or all together."""
     found = at.fitted
     chain, c, states = found.chain, found.constants, found.states
     signatures, beside = list[Signature](), list[Beside]()
@@ -145,9 +145,9 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate], *, togethe
 
 
 def with_effect(at: WindowFit, score: Score) -> WindowFit:
-    """The fit with one effect more, or with another formula, from its predicted or its usual size.
+    """The fit with an additional effect, or another formula, started at its predicted or its usual size.
 
-    What a formula had already begins where it is.
+    Terms that a formula had already start at their values.
     """
     one, found = score.candidate, at.fitted
     had = dict(zip(found.chain.names, found.constants.tolist(), strict=True))
@@ -169,7 +169,7 @@ def with_effect(at: WindowFit, score: Score) -> WindowFit:
 
 
 def without_effect(at: WindowFit, name: str, steps: int) -> WindowFit:
-    """The fit without one of its effects, after so many steps of the constants."""
+    """The fit without one of its effects, after a number of steps of the constants."""
     found = at.fitted
     keep = [k for k, n in enumerate(found.chain.names) if not n.startswith(f"{name}.")]
     names = tuple(found.chain.names[k] for k in keep)
@@ -178,7 +178,7 @@ def without_effect(at: WindowFit, name: str, steps: int) -> WindowFit:
 
 
 def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:
-    """A fit of windows as one of whole shots that are not played: with constants, and without any error."""
+    """A fit of windows as one of whole shots that are not played: with constants, without errors."""
     found = at.fitted
     problem = base.problem.with_model(found.chain.model, found.chain.names)
     return dataclasses.replace(
@@ -188,7 +188,7 @@ def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:
 
 
 def settled(view: ByWindows) -> ByWindows:
-    """The fit to its end, from windows searched anew."""
+    """The fit continued to convergence, from windows searched again."""
     last = view.at.fitted
     return ByWindows(
         searched(moved_to(view.at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))),

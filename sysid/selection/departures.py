@@ -1,10 +1,10 @@
-"""Single shots that depart from a model that follows the others to the noise: named, and excluded from the fit.
+"""Single shots that depart from a model that follows all others: they are reported and excluded.
 
-In: clips (`Split`) and their fit (`FittedModel`). Out: both without those shots.
+In: clips (`Split`) and their fit (`FittedModel`). Out: both without these shots.
 
-What no effect explains, and only one shot in many shows, is no structure of the table: another ball was taken, a hand
-touched the cloth, frames were dropped, a tracker slipped. Left in, such a shot biases constants and invites effects
-that bend only its own track.
+A departure that no effect explains, and only one shot in many shows, is not a property of the table: another ball was
+used, a hand touched the cloth, frames were dropped, the tracker failed. Such a shot would bias constants and favour
+effects that change only its own track.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, fit_on
 from sysid.selection.evidence import MAX_RESIDUAL_SD, mean_squares
 
-MIN_RATIO = 1.7  # of a shot's mean square over the median of all, for it to depart
-MIN_RATIO_SD = 6.0  # and standard deviations above it
-MIN_ALLOWED, MAX_SHARE = 2, 0.1  # shots, and share of all, more of which are no exceptions
-MAX_MEDIAN = 1.3  # of the mean squares, for the model to follow the others
+MIN_RATIO = 1.7  # least ratio of a departing shot's mean square to the median of all
+MIN_RATIO_SD = 6.0  # least distance of a departing shot's mean square from the median, in standard deviations
+MIN_ALLOWED, MAX_SHARE = 2, 0.1  # shots, and share of all, up to which departures are exceptions
+MAX_MEDIAN = 1.3  # largest median of the mean squares at which the model follows the others
 LOCATING_STEPS = 15  # iterations of the initial states up to each event
-MIN_SHARED, MIN_SHARED_SHARE = 2, 0.7  # shots, and share of those that depart, that do so after one kind of event
+MIN_SHARED, MIN_SHARED_SHARE = 2, 0.7  # shots, and share of all that depart, for a shared kind of event
 
 
 def departing(squares: Array, counts: Array, tau: float, median: float) -> Index:
-    """Shots that depart.
+    """Which shots depart: (n,).
 
     Args:
         squares: (n,) mean square of the residuals of each shot.
@@ -48,31 +48,31 @@ def departing(squares: Array, counts: Array, tau: float, median: float) -> Index
 
 @dataclass(frozen=True)
 class ShotDeparture:
-    """A shot that departs, and after what."""
+    """A shot that departs, and the event after which it does."""
 
     row: int
     size: float  # rms of its residuals over that of the others
-    event: Event | None  # after which it departs; None for a shot that does so from its start
+    event: Event | None  # after which it departs; None if it does so from its start
 
     def text(self, file: str) -> str:
-        """As a line that says that it was set aside."""
+        """A line that reports its exclusion."""
         since = "from its start"
         if self.event is not None:
             with_ = f"its impact at the cushion {self.event.rail}" if self.event.rail else "its impact with a ball"
             since = f"from {with_} at {self.event.time:.2f} s on"
         return (
-            f"{file}: set aside, it departs alone, with {self.size:.2g} times the error of the others, {since}, and no "
-            "effect explains it: look at its film"
+            f"{file}: excluded: it alone departs, with {self.size:.2g} times the error of the others, {since}, and no "
+            "effect explains it; look at its film"
         )
 
 
 def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> list[ShotDeparture]:
-    """After which event each of these shots departs: the first up to which alone it is not followed.
+    """The event after which each of these shots departs: the first up to which it is not followed.
 
     Args:
         at: the fit.
         rows: of shots that depart.
-        sizes: of those, rms of the residuals over that of the others.
+        sizes: rms of their residuals over that of the others.
         tau: see `departing`.
         median: see `departing`.
     """
@@ -95,14 +95,14 @@ def located(at: Point, rows: Index, sizes: Array, tau: float, median: float) -> 
 
 
 def _nearest(problem: ShotProblem, x: Array, c: Array, row: int, time: float) -> Event | None:
-    """The modelled event of the balls that move first that is nearest to a time."""
+    """The modelled event nearest to a time, of the balls that move first."""
     (track,) = problem.tracks(x[row : row + 1], c[row : row + 1], np.array([row]))
     own = [event for event in track.events if set(problem.clips[row].first) & set(event.balls)]
     return min(own, key=lambda event: abs(event.time - time), default=None)
 
 
 def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Split, tuple[FittedModel, ...]] | None:
-    """The clips without shots that depart from the last fit, and all fits anew; None where none or too many depart."""
+    """Exclude shots that depart from the last fit, and repeat all fits; None if none or too many depart."""
     last, held = ladder[-1], ladder[-1].held_out
     odd, sizes, tau, median = _departing_from(last)
     if median > MAX_MEDIAN:
@@ -134,7 +134,7 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
 
 
 def shared_cause(now: Point) -> str | None:
-    """The kind of event after which the shots that depart do so; None where they share none, or none departs."""
+    """The kind of event after which departing shots depart; None if they share none, or none departs."""
     rows, sizes, tau, median = _departing_from(now)
     if median > MAX_MEDIAN or not rows.size:
         return None
@@ -150,14 +150,14 @@ def _departing_from(at: Point) -> tuple[Index, Array, float, float]:
 
 
 def common_event(found: Sequence[ShotDeparture]) -> str | None:
-    """The kind of event after which several shots depart: they share a cause; None where they do not."""
+    """The kind of event after which several shots depart, which suggests a common cause; None if there is none."""
     kinds = Counter(one.event.kind if one.event else "start" for one in found)
     kind, count = kinds.most_common(1)[0] if kinds else ("", 0)
     return kind if count >= MIN_SHARED and count >= MIN_SHARED_SHARE * len(found) else None
 
 
 def _fit_again(parts: Split, found: FittedModel, kept: Index, held: Index) -> FittedModel:
-    """The fit anew, of some of its shots, and of those held out."""
+    """Repeat the fit for some of its shots, and of the held-out ones."""
     if found.held_out is not None:
         states = found.held_out.initial_states[held]
         found = dataclasses.replace(found, held_out=dataclasses.replace(found.held_out, initial_states=states))

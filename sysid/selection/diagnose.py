@@ -1,4 +1,4 @@
-"""One diagnosis from clips: fit the model, and say which effect it lacks.
+"""One diagnosis from clips: fit the model, and find the effect that it lacks.
 
 In: a `ClipSet` and a `Model`. Out: a `ClipDiagnosis`.
 """
@@ -27,7 +27,7 @@ from sysid.selection.search import Round, next_cause
 
 @dataclass(frozen=True)
 class ClipDiagnosis:
-    """What a model lacks by a set of clips."""
+    """The diagnosis of a model by a set of clips."""
 
     parts: Split
     fitted: FittedModel  # the model whose residuals are explained, on whole shots
@@ -37,7 +37,7 @@ class ClipDiagnosis:
 
     @property
     def verdict(self) -> str | None:
-        """The effect to add; None if none is named."""
+        """The effect to add; None if there is none."""
         return self.diagnosis.name
 
     @property
@@ -47,13 +47,13 @@ class ClipDiagnosis:
 
     @property
     def ranking(self) -> tuple[tuple[str, float], ...]:
-        """Candidates that were fitted, best first, each with its log odds beside the model."""
+        """Fitted candidates, best first, each with its log odds over the model."""
         return tuple((one.name, one.evidence.log_odds) for one in self.diagnosis.screening.fits)
 
 
 @on_one_blas_thread
 def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) -> ClipDiagnosis:
-    """Fit the model to the clips and search what it lacks, see `discover`; every fifth clip is held out."""
+    """Fit the model to the clips and search for what it lacks, see `discover`; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
     if parts.needs_windows(base):
@@ -67,7 +67,7 @@ def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) ->
 
 
 def _diagnosed(parts: Split, base: FittedModel, view: V, seen: Round[V], error_rate: float) -> ClipDiagnosis:
-    """What a round has found beside a fit; `base` is it on whole shots."""
+    """The diagnosis from a round for a fit; `base` is the fit on whole shots."""
     diagnosis = Diagnosis(seen.screening, seen.formula)
     unexplained: Mapping[str, Any] | None = None
     if seen.formula is not None:

@@ -1,10 +1,10 @@
-"""Discovery: fit, look what is missing, add it, until nothing more is likely.
+"""Discovery: fit, find what is missing, add it, until nothing more is likely.
 
-In: a `ClipSet` and a `Model` to start from. Out: a `DiscoveryResult`: the ladder of fits, one effect more on each step,
-the rounds on the way, what stays unexplained, and the next shots to film.
+In: a `ClipSet` and a start `Model`. Out: a `DiscoveryResult`: the ladder of fits, each with one more effect, the rounds
+of the search, unexplained structure, and the next shots to film.
 
-Where a single whole shot is not followed, causes are first looked for in windows of one impact each; then in whole
-shots, which tell most of what acts between impacts, unless a model does not follow shots of many impacts.
+If a single whole shot is not followed, causes are first sought in windows of one impact each; then in whole shots,
+which are most informative about forces between impacts, unless the model does not follow shots of many impacts.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ log = logging.getLogger(__name__)
 def discover(
     clip_set: ClipSet, model: Model, show: Show = lambda found: None, error_rate: float = ERROR_RATE
 ) -> DiscoveryResult:
-    """Add what is missing until nothing is likely.
+    """Add missing causes until no further one is likely.
 
     Args:
         clip_set: every fifth clip is held out.
-        model: what to start from; all its constants are fitted.
+        model: the start; all its constants are fitted.
         show: called with the result so far, after each effect.
-        error_rate: of a cause that is added: what is left to nothing, or to a cause that each shot has of its own.
+        error_rate: accepted probability that an added cause is due to chance, or different in every shot.
     """
     parts, _, model = split(clip_set, model)
     parts, at, now = fit_from_nothing(parts, model, searching=False)
@@ -78,7 +78,7 @@ def discover(
 def _searched(
     result: DiscoveryResult, found: Found[V], error_rate: float, show: Show | None = None
 ) -> tuple[DiscoveryResult, Found[V]]:
-    """What a search finds, and the result with its rounds; where they are to be shown, with its fits."""
+    """Run a search; returns its outcome and the result with its rounds, and with its fits if these are shown."""
     now = found
     for now, seen in search(found, error_rate):
         result = dataclasses.replace(result, rounds=(*result.rounds, seen))
@@ -92,22 +92,22 @@ def _ended(
     result: DiscoveryResult, found: Found[V], view: V, played: Callable[[V], FittedModel], now: FittedModel,
     error_rate: float,
 ) -> DiscoveryResult:  # fmt: skip
-    """The result with the last fit, what it leaves unexplained, and the next shots.
+    """The result with the last fit, its unexplained structure, and the next shots.
 
-    The model file holds named effects only: where there is a formula, the last fit is the one without it.
+    The model file holds named effects only; if there is a formula, the last fit is the one without it.
 
     Args:
-        result: its rounds.
-        found: what they found.
+        result: with the rounds of the search.
+        found: outcome of the search.
         view: the last fit.
         played: whole shots with such a fit.
         now: those with the last.
-        error_rate: below which the next shots leave nothing in doubt.
+        error_rate: probability of confusion below which the next shots are to bring it.
     """
     verdict, formula = found.verdict, found.formula
     plain = view if formula is None else view.without(EFFECT_NAME)
     last = now if formula is None else played(plain)
-    if verdict or result.verdict:  # what was named on the way may be dropped again
+    if verdict or result.verdict:  # named effects may be dropped again
         result = result.with_step(last, verdict, found.dropped)
     if formula is not None:
         seen = judged(plain.beside(view), view, unknowns_of_terms(formula.terms)).evidence

@@ -1,4 +1,4 @@
-"""The effect file that a sparse formula becomes.
+"""The text of an effect file for a sparse formula.
 
 In: terms (sysid/selection/terms.py) with their coefficients, a title, and where they come from. Out: the text of a
 Python module with one `Effect`, as `sysid new-effect --from` writes it.
@@ -33,7 +33,7 @@ class {kind}(Effect):
     """{short}"""
 
 '''
-# Variables of a factor, as each hook finds them.
+# The variables of a factor as expressions of each hook's state.
 MOTION_VARIABLES = {
     "x": "ball.x", "y": "ball.y", "wz": "ball.wz", "speed": "hypot(ball.vx, ball.vy)",
     "heading": "atan2(ball.vy, ball.vx)", "time": "ball.time", "number": "ball.number",
@@ -63,7 +63,7 @@ APPLY_LINES = {  # quantity: the line that changes it
     "image_x": "image.x += {value}",
     "image_y": "image.y += {value}",
 }
-APPLY_CONDITIONS = {  # quantities that change in one case only, and which
+APPLY_CONDITIONS = {  # the condition under which a quantity changes
     ("drag", "side"): "ball.rolling", ("push_x", "push_y"): "ball.weight > 0",
     ("cushion_e", "cushion_mu"): "hit.cushion", ("ball_e", "ball_mu"): "not hit.cushion",
 }  # fmt: skip
@@ -83,7 +83,7 @@ def effect_source(name: str, terms: Sequence[Term], values: Sequence[float], tit
     `terms` come from `library` or `term_from_json`; title and origin may be any text.
     """
     if not EFFECT_NAME_PATTERN.fullmatch(name):
-        raise BadInput(f"{name!r} is no name for an effect; give words in small letters joined by _")
+        raise BadInput(f"{name!r} is not a valid effect name; use lowercase words joined by _")
     title, origin = escape_text(title), escape_text(origin)
     parts = []
     for t, value in zip(terms, values, strict=True):
@@ -96,10 +96,10 @@ def effect_source(name: str, terms: Sequence[Term], values: Sequence[float], tit
         parts.append(
             line if len(line) <= LINE_CHARS + 1 else f"    {t.name}: float = param(\n        {declared}\n    )\n"
         )
-    parts += _hook(terms, "forces(self, ball: BallState)", "What acts on a ball.", MOTION_VARIABLES)
+    parts += _hook(terms, "forces(self, ball: BallState)", "Forces on a ball.", MOTION_VARIABLES)
     parts += _horizon(terms)
-    parts += _hook(terms, "impact(self, hit: ImpactState)", "What changes at a contact.", IMPACT_VARIABLES)
-    parts += _hook(terms, "observe(self, image: ImageState)", "What the camera reports.", IMAGE_VARIABLES)
+    parts += _hook(terms, "impact(self, hit: ImpactState)", "Changes at a contact.", IMPACT_VARIABLES)
+    parts += _hook(terms, "observe(self, image: ImageState)", "Changes of the reported position.", IMAGE_VARIABLES)
     body = "".join(parts)
     lines = [_wrapped(f"{QUANTITY_TEXTS[t.quantity]}: {t.name} * {_bracketed(t.factor)}") for t in terms]
     head = EFFECT_TEMPLATE.format(
@@ -118,7 +118,7 @@ def _wrapped(text: str, indent: int = 0) -> str:
 
 
 def _bracketed(factor: str) -> str:
-    """A factor in brackets where multiplication needs them."""
+    """A factor, in brackets if multiplication needs them."""
     return factor if re.fullmatch(r"\w+(\([^()]*\)|\.\d+)?", factor) else f"({factor})"
 
 
@@ -127,7 +127,7 @@ def _words(text: str) -> set[str]:
 
 
 def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[str, str]) -> list[str]:
-    """The lines of a hook with the terms of its quantities; none where there are none."""
+    """The lines of a hook with the terms of its quantities; empty without terms."""
     codes = {"forces": kinds.CLOTH, "impact": kinds.IMPACTS, "observe": kinds.IMAGE}[signature.partition("(")[0]]
     here = [t for t in terms if 1 + kinds.TERM_HOOKS.index(t.quantity) in codes]
     if not here:
@@ -143,17 +143,17 @@ def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[s
 
 
 def on_cloth(term: Term) -> bool:
-    """Whether it acts on balls on the cloth."""
+    """Whether a term acts on balls on the cloth."""
     return 1 + kinds.TERM_HOOKS.index(term.quantity) in kinds.CLOTH
 
 
 def is_line(term: Term) -> bool:
-    """Whether it is a step or a bend at a line on the cloth."""
+    """Whether a term is a step or a bend at a line on the cloth."""
     return on_cloth(term) and term.kind in (kinds.ABOVE, kinds.BEND) and term.constants[0] in (X, Y)
 
 
 def bends(term: Term) -> bool:
-    """Whether it is a hat of what acts on the cloth."""
+    """Whether a term is a hat function that acts on the cloth."""
     return on_cloth(term) and term.kind == kinds.HAT
 
 
@@ -166,7 +166,7 @@ def _horizon(terms: Sequence[Term]) -> list[str]:
     least = found[0] if len(found) == 1 else "min(\n            " + ",\n            ".join(found) + ",\n        )"
     return [
         "\n    def horizon(self, ball: BallState) -> float:\n",
-        '        """Until it gets where the force switches or bends [s]."""\n',
+        '        """Time until the ball is where the force switches or bends [s]."""\n',
         f"        return {least}\n",
     ]
 

@@ -1,9 +1,9 @@
-"""Evidence for one fit over another, and the variance that a fit leaves beyond noise.
+"""Evidence for one fit over another, and the variance beyond noise of a fit.
 
 In: fits (`FittedModel`, or `Point`). Out: `Evidence`, and ratios of losses and variances.
 
-Each fit is taken at its own most likely discrepancies, so that what is compared are likelihoods. Residuals are
-correlated, so one in tau of them counts, the integrated autocorrelation time:
+Each fit has its own most likely discrepancies, so that likelihoods are compared. Residuals are correlated, so one in
+tau of them counts, with tau the integrated autocorrelation time:
 delta BIC = 2 (gain of log likelihood) / tau - (constants more) log(residuals / tau).
 """
 
@@ -20,9 +20,9 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.initial_states import fit_states, weighed_scores
 from sysid.estimation.problem import Array
 
-MAX_LAG = 40  # samples, of the autocorrelation
-MIN_CORRELATION = 0.02  # at which the sum of the autocorrelation stops
-MAX_RESIDUAL_SD = 4.0  # at which residuals are clipped
+MAX_LAG = 40  # largest lag of the autocorrelation [samples]
+MIN_CORRELATION = 0.02  # correlation at which the sum of the autocorrelation stops
+MAX_RESIDUAL_SD = 4.0  # clip limit of residuals
 COMPARED_STEPS = 5  # iterations of the initial states before two fits are compared
 
 
@@ -30,9 +30,9 @@ COMPARED_STEPS = 5  # iterations of the initial states before two fits are compa
 class Evidence:
     """Evidence for a fit over another."""
 
-    delta_bic: float  # positive speaks for the second
+    delta_bic: float  # positive values favour the second
     improvement: float  # twice the gain of log likelihood
-    tau: float  # how many residuals tell as much as an independent one
+    tau: float  # number of residuals that count as an independent one
     log_odds: float = 0.0  # of the second over the first, by their marginal likelihoods
 
 
@@ -58,22 +58,22 @@ def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
 
 
 def counted_as_one(at: Point) -> float:
-    """How many residuals of a fit tell as much as an independent one of the size that it expects."""
+    """Number of residuals of a fit that count as an independent one of the expected size."""
     r = at.residuals(at.weighted)
     spread = max(1.0, (float(np.nanmedian(np.abs(r))) / 0.6745) ** 2)
     return max(correlation_time(at, at.discrepancy_rate), at.problem.correlation_time) * spread
 
 
 def mean_squares(r: Array, limit: float = math.inf) -> tuple[Array, Array]:
-    """Mean square of the residuals (n, m) of each shot, those beyond `limit` clipped, and their number: (n,), (n,)."""
+    """Mean square of each shot's residuals (n, m), clipped at `limit`, and their number: (n,), (n,)."""
     counts = np.isfinite(r).sum(axis=1)
     return np.nansum(np.minimum(r**2, limit**2), axis=1) / np.maximum(counts, 1), counts
 
 
 def chi2_of_known(at: Point) -> float:
-    """Chi-square of constants against prior knowledge of them; one that the model lacks counts at its off value.
+    """Chi-square of constants against their priors; a constant that the model lacks counts at its off value.
 
-    Sizes, which segments lack in both fits that are compared, have none and count nothing.
+    Sizes, which segments lack in both compared fits, are ignored.
     """
     values, total = dict(zip(at.names, at.constants.tolist(), strict=True)), 0.0
     for name, (mean, sd) in at.problem.known.items():
@@ -97,7 +97,7 @@ def correlation_time(at: Point, rate: float) -> float:
 
 
 def excess_variance(at: Point) -> float:
-    """Variance of the clipped residuals over that of the noise, less one: 0 for a fit that leaves only noise."""
+    """Variance of the clipped residuals over that of the noise, minus one: 0 if only noise is left."""
     r = at.residuals()
     unknowns = sum(5 + 2 * len(clip.balls) for clip in at.problem.clips) + at.constants.size
     part = 1.0 - unknowns / max(int(np.isfinite(r).sum()), 1)

@@ -1,7 +1,7 @@
-"""Factors of terms as text, and the codes by which models/formula.py plays them.
+"""Factors of terms as text, and the codes with which models/formula.py evaluates them.
 
-In: the text of a factor, of the variables that a quantity may depend on (`SEEN_BY`). Out: its code and constants.
-Nothing of a text is evaluated.
+In: the text of a factor of variables that a quantity may depend on (`SEEN_BY`). Out: its code and constants. Texts are
+never evaluated.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FIXED_FACTORS: dict[str, tuple[int, tuple[float, ...]]] = {  # as text: code and
 _MOTION = ("x", "y", "heading", "speed", "wz", "time", "number", *SESSION_VARIABLES)
 _CONTACT = ("grazing", "approach", "slip", "wz", "time", "number", *SESSION_VARIABLES)
 _IMAGE = ("x", "y", "time", "number", *SESSION_VARIABLES)
-SEEN_BY = {  # what each quantity may depend on
+SEEN_BY = {  # variables that each quantity may depend on
     "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "grip": (*_MOTION, "slip"),
     "cushion_e": ("rail", "along", *_CONTACT), "cushion_mu": ("rail", "along", *_CONTACT),
     "ball_e": ("x", "y", *_CONTACT), "ball_mu": ("x", "y", *_CONTACT), "image_x": _IMAGE, "image_y": _IMAGE,
@@ -46,7 +46,7 @@ SEEN_BY = {  # what each quantity may depend on
 
 
 def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | None:
-    """Code and constants of a factor that is written as the terms of this file write it; None for any other text."""
+    """Code and constants of a factor in the notation of this file; None for any other text."""
     known = FIXED_FACTORS.get(factor)
     if known is not None:
         return known

@@ -2,9 +2,9 @@
 
 In: a fit (`Point`). Out: a `SparseFormula`, and its description as result.json has it: place, dependence, size.
 
-It grows by a shape at a time: a term, or a few that come together. Terms (sysid/selection/terms.py) and unknown
-functions (free_forms.py) are scored like candidates; the likeliest is added, as long as all of them together are
-likelier than nothing. The formula is then fitted as an effect, and the next shape is looked for beside it.
+It grows by one shape at a time: a term, or a group of terms. Terms (sysid/selection/terms.py) and unknown functions
+(free_forms.py) are scored like candidates; the likeliest is added, as long as all of them together are likelier than
+nothing. The formula is then fitted as an effect, and the next shape is sought.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from sysid.selection.score import Score, Scores
 from sysid.selection.shapes import at_likeliest_places, likeliest, shape_candidates, shape_of, without_terms
 from sysid.selection.signatures import Candidate, at_sizes, candidate
 from sysid.selection.terms import (
-    DEPENDENCES,
     PLACE_DIGITS,
     QUANTITY_TEXTS,
+    VARIABLE_NAMES,
     VARIABLE_UNITS,
     WITHOUT_CONSTANT,
     Shape,
@@ -54,12 +54,12 @@ from sysid.selection.terms import (
 from sysid.selection.terms_read import RESULT_REMEDY, term_from_json
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
-RIVAL_SHARE = 0.5  # of the predicted log odds of the likeliest cause: predictions are right to a factor of two
-MAX_RIVALS = 3  # functions, and shapes of the likeliest of them, that are fitted
-MAX_PART_OF_BOUNDS = 0.95  # of a term's bounds, that it begins with
+RIVAL_SHARE = 0.5  # predicted log odds of a rival over the likeliest cause's, at least; right to a factor of two
+MAX_RIVALS = 3  # most functions that are fitted, and shapes of the likeliest of them
+MAX_PART_OF_BOUNDS = 0.95  # largest start value of a term, over its bounds
 EFFECT_NAME = "unexplained"
-UNNAMED = "unnamed"  # the effect by which something without a name is fitted before its shape is known
-OF_SESSIONS = {DEPENDENCES[name] for name in SESSION_VARIABLES}
+UNNAMED_EFFECT = "unnamed"  # name of the effect that fits an unknown cause before its shape is known
+OF_SESSIONS = {VARIABLE_NAMES[name] for name in SESSION_VARIABLES}
 log = logging.getLogger(__name__)
 
 
@@ -67,24 +67,24 @@ log = logging.getLogger(__name__)
 class SparseFormula:
     """A sparse formula, not yet fitted."""
 
-    terms: tuple[Term, ...]  # what explains most first
-    improvements: tuple[float, ...]  # predicted fall of chi-square by each, beside those before it
+    terms: tuple[Term, ...]  # the most important first
+    improvements: tuple[float, ...]  # predicted fall of chi-square by each, given those before it
     values: Array  # (k,) coefficients of the linear model
-    alike: tuple[tuple[str, ...], ...] = ()  # for each, what the clips did not tell it from, in words
+    alike: tuple[tuple[str, ...], ...] = ()  # for each, alternatives that the clips do not separate from it, in words
 
     def placed(self, found: Point) -> SparseFormula:
-        """The formula with steps where a fit that has it puts them."""
+        """The formula with its steps at their fitted places."""
         at = dict(zip(found.names, found.constants.tolist(), strict=True))
         terms = tuple(t.moved(at[f"{EFFECT_NAME}.{t.place_name}"]) if t.limits else t for t in self.terms)
         return dataclasses.replace(self, terms=terms)
 
     @property
     def groups(self) -> list[Shape]:
-        """Its terms, those of a curve together."""
+        """Its terms, grouped by curve."""
         return [tuple(group) for _, group in itertools.groupby(self.terms, lambda term: term.group)]
 
     def without(self, group: Shape, fitted: Point) -> SparseFormula | None:
-        """The formula without some terms, as a fit that has it puts the others; None where there is no other."""
+        """The formula without some terms, the others at their fitted values; None if no other is left."""
         keep = [k for k, one in enumerate(self.terms) if one not in group]
         if not keep:
             return None
@@ -96,7 +96,7 @@ class SparseFormula:
         )  # fmt: skip
 
     def with_shape(self, shape: Shape, cause: Cause, alike: tuple[str, ...], base: Point) -> SparseFormula:
-        """The formula with a shape more, as a cause has it, its own terms as a fit has them."""
+        """The formula with an additional shape from a cause, and its own terms at their fitted values."""
         at = dict(zip(base.names, base.constants.tolist(), strict=True))
         values = [at[f"{EFFECT_NAME}.{one.name}"] for one in self.terms]
         most = MAX_PART_OF_BOUNDS * np.array([term.width for term in shape])
@@ -110,19 +110,19 @@ class SparseFormula:
         return candidate(effect_from_terms(EFFECT_NAME, self.terms, self.values.tolist()))
 
     def score(self) -> Score:
-        """The formula's predicted improvement, as that of a candidate."""
+        """The formula's predicted improvement, as a candidate's score."""
         return Score(self.candidate(), float(sum(self.improvements)), self.values, np.full(len(self.terms), np.inf))
 
 
 @dataclass(frozen=True)
 class Looked:
-    """Everything that may be missing, scored beside a fit."""
+    """Scores of everything that a fit may lack."""
 
     scores: Scores
     found: list[Cause]  # the likeliest first
-    terms: list[Shape]  # of one term each
-    named: frozenset[str]  # those that are effects of the catalogue
-    score: Callable[[Sequence[Candidate]], Scores]  # of others
+    terms: list[Shape]  # with one term each
+    named: frozenset[str]  # names of the effects of the catalogue
+    score: Callable[[Sequence[Candidate]], Scores]  # scores further candidates
     seen: dict[str, Span]  # ranges of variables
 
     def row(self, cause: Cause) -> Score:
@@ -130,12 +130,12 @@ class Looked:
         return _row_of(cause.name, self.scores)
 
     def unnamed(self, cause: Cause) -> Score:
-        """That of an unknown function or a term, with its likeliest values, as an effect of the name UNNAMED."""
+        """The score of an unknown function or a term at its likeliest values, as an effect named UNNAMED_EFFECT."""
         if cause.block is not None:
-            one = candidate(cause.block.effect(UNNAMED))
+            one = candidate(cause.block.effect(UNNAMED_EFFECT))
         else:
             shape = shape_of(cause.name, self.terms)
-            one = candidate(effect_from_terms(UNNAMED, shape, [term.width / 10 for term in shape]))
+            one = candidate(effect_from_terms(UNNAMED_EFFECT, shape, [term.width / 10 for term in shape]))
         return dataclasses.replace(self.row(cause), candidate=one, values=one.off() + cause.mean)
 
 
@@ -143,13 +143,13 @@ def look(
     base: Point, score: Callable[[Sequence[Candidate]], Scores], formula: SparseFormula | None,
     named: Sequence[Candidate],
 ) -> Looked:  # fmt: skip
-    """Effects, unknown functions and terms beside a fit.
+    """Score effects, unknown functions and terms for a fit.
 
     Args:
         base: the fit.
-        score: of candidates beside it.
-        formula: that it has.
-        named: effects that it lacks.
+        score: scores candidates for the fit.
+        formula: of the fit.
+        named: effects that the fit lacks.
     """
     seen, counts, free = _functions(base)
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
@@ -160,25 +160,25 @@ def look(
 
 
 def _functions(base: Point) -> tuple[dict[str, Span], dict[str, int], list[Block]]:
-    """Ranges of the variables that a fit's clips have seen, how many of what is counted there are, and all blocks."""
+    """Ranges of the variables in a fit's clips, the numbers of counted things, and all blocks."""
     clips, table = base.problem.clips, base.model.table
     seen, counts = ranges(clips, table.length, table.width, base.model.ball.radius), counts_of(clips)
     return seen, counts, blocks(seen, counts)
 
 
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[SparseFormula]:
-    """Formulas with one shape more, for what a fit leaves; none where nothing unnamed is likely.
+    """Formulas with an additional shape for the remaining structure; empty if nothing unnamed is likely.
 
-    A few shapes of the likeliest function, and one of each that may be as likely: they are scored where a fit without
-    them may have bent, so that only fits tell them apart.
+    Returns a few shapes of the likeliest function, and one of each similarly likely function. Scores are evaluated at a
+    fit that may be biased without them, so that only fits can decide.
 
-    None either where a function of the order of the clips, a number that each shot has of its own, is as likely as one
-    of what balls do: the clips say that the quantity differs between shots, and not by what.
+    Also empty if a function of the clips' order, a value for each shot, is as likely as one of the balls' motion: the
+    clips then show that the quantity differs between shots, but not on what it depends.
 
     Args:
-        before: the formula that the fit has.
+        before: the formula of the fit.
         base: the fit.
-        looked: what is likely beside it.
+        looked: scores of what it may lack.
     """
     old = SparseFormula((), (), np.zeros(0)) if before is None else before.placed(base)
     found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
@@ -202,7 +202,7 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     own = [one.log_odds for one in found if one.block and (one.block.quantity, one.block.variables) == by_order]
     of_session = shape[0].depends_on[0] in OF_SESSIONS
     if not of_session and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS:
-        log.info("%s may as well differ from clip to clip", shape[0].quantity)
+        log.info("%s may equally differ from clip to clip", shape[0].quantity)
         return []
     names = ", ".join(term.name for term in shape)
     log.info("likeliest is %s, with log odds of %.1f; as terms %s", found[0].name, found[0].log_odds, names)
@@ -212,13 +212,13 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
 def reshaped(
     found: SparseFormula, group: Shape, base: Point, score: Callable[[Sequence[Candidate]], Scores]
 ) -> SparseFormula | None:
-    """The formula with another shape of the same variables in place of one of its; None where none is likelier.
+    """The formula with one shape replaced by another of the same variables; None if none is likelier.
 
     Args:
         found: the formula.
         group: the shape.
-        base: the fit that has it.
-        score: of candidates beside that fit without this shape.
+        base: the fit with the formula.
+        score: scores candidates for that fit without this shape.
     """
     old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
     at = dict(zip(base.names, base.constants.tolist(), strict=True))
@@ -239,13 +239,13 @@ def reshaped(
 
 
 def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tuple[str, ...]:
-    """Other quantities, or other variables of the same, that are about as likely as the likeliest cause."""
+    """Other quantities, or other variables, that are about as likely as the likeliest cause."""
     words = []
     for cause in found:
         if cause.log_odds < found[0].log_odds - SEPARATED_LOG_ODDS:
             break
         if cause.block is not None:
-            quantity, on = cause.block.quantity, tuple(DEPENDENCES[v] for v in cause.block.variables)
+            quantity, on = cause.block.quantity, tuple(VARIABLE_NAMES[v] for v in cause.block.variables)
         else:
             (other,) = shape_of(cause.name, terms)
             quantity, on = other.quantity, other.depends_on
@@ -260,7 +260,7 @@ def _names_in(formula: SparseFormula | None) -> set[str]:
 
 
 def _lacking(families: Sequence[Sequence[Shape]], formula: SparseFormula) -> list[list[Shape]]:
-    """Families of the shapes of which a formula has no term yet."""
+    """Families of shapes without a term in the formula."""
     return [few for family in families if (few := without_terms(family, _names_in(formula)))]
 
 
@@ -270,13 +270,13 @@ def _row_of(name: str, scores: Scores) -> Score:
 
 
 def parameters_of(shape: Shape) -> set[str]:
-    """Names of the parameters that terms have in a fit."""
+    """Names of the terms' parameters in a fit."""
     places = {term.place_name for term in shape if term.limits is not None}
     return {f"{EFFECT_NAME}.{name}" for name in {term.name for term in shape} | places}
 
 
 def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:
-    """The formula as `unexplained` of result.json has it: where, on what it depends, how large, its terms."""
+    """The formula as `unexplained` of result.json: place, dependences, size, terms."""
     names = [f"{EFFECT_NAME}.{t.name}" for t in found.terms]
     if fitted is not None:
         found = found.placed(fitted)
@@ -314,20 +314,20 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
 
 
 def _in_words(group: Shape, values: Sequence[float]) -> str:
-    """Terms of a formula with their coefficients; a curve by its values at the places between which it is straight."""
+    """A formula in words: terms with their coefficients, curves by their values at the nodes."""
     if group[0].kind != kinds.HAT:
         parts = [f"{QUANTITY_TEXTS[t.quantity]}: {v:+.4g} * ({t.factor})" for t, v in zip(group, values, strict=True)]
         return "; ".join(parts)
     curve = _curve(group, dict(zip(group, values, strict=True)), dict.fromkeys(group, 0.0))
     points = ", ".join(f"{v:+.3g} at {at:g}" for at, v in zip(curve["at"], curve["value"], strict=True))
     unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""
-    return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, straight between these"
+    return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, linear between these"
 
 
 def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[str, Any]:
-    """A curve as result.json has it: its values with their standard deviations, and where."""
+    """A curve for result.json: its values with standard deviations at the nodes."""
     at, value, sd = ([of(t) for t in group] for of in (lambda t: t.constants[1], values.__getitem__, sds.__getitem__))
-    if group[0].quantity not in WITHOUT_CONSTANT:  # it has none at its middle
+    if group[0].quantity not in WITHOUT_CONSTANT:  # it is 0 at its middle
         middle = len(at) // 2
         at.insert(middle, round(at[middle] - group[middle].constants[2], PLACE_DIGITS) + 0.0)
         value.insert(middle, 0.0)
@@ -343,7 +343,7 @@ def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]
 
 
 def _place_of(term: Term, fitted: FittedModel | None) -> dict[str, Any]:
-    """Where a term's step lies, or over what it decays, as `at` of result.json."""
+    """The place of a term's step, or its decay scale, as `at` of result.json."""
     if term.kind == kinds.HAT:
         return {"at": term.constants[1], "at_sd": 0.0}
     if fitted is None or term.place_name is None:
@@ -353,17 +353,17 @@ def _place_of(term: Term, fitted: FittedModel | None) -> dict[str, Any]:
 
 
 def source_from(name: str, described: dict[str, Any], origin: str) -> str:
-    """The effect file for a formula as `describe` returns it, of terms that the library has.
+    """The text of an effect file for a formula from `describe`, with terms of the library.
 
     Raises:
         BadInput: for anything else.
     """
     entries, what, where = (described.get(key) for key in ("terms", "what", "where"))
     if not isinstance(entries, list) or not 0 < len(entries) <= MAX_TERMS:
-        raise BadInput(f"what is unexplained has no list of 1 to {MAX_TERMS} terms; {RESULT_REMEDY}")
+        raise BadInput(f"the unexplained structure has no list of 1 to {MAX_TERMS} terms; {RESULT_REMEDY}")
     terms, values = zip(*(term_from_json(entry) for entry in entries), strict=True)
     if len({t.name for t in terms}) < len(terms):
-        raise BadInput(f"what is unexplained has a term twice; {RESULT_REMEDY}")
+        raise BadInput(f"the unexplained structure has a term twice; {RESULT_REMEDY}")
     if not isinstance(what, str) or not isinstance(where, str):
-        raise BadInput(f"what is unexplained has no text for what and where; {RESULT_REMEDY}")
+        raise BadInput(f"the unexplained structure has no text for what and where; {RESULT_REMEDY}")
     return effect_source(name, terms, values, f"SparseFormula found in clips: {what}, {where}.", origin)

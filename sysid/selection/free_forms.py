@@ -33,9 +33,9 @@ from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
 from sysid.selection.terms import (
     COEFFICIENT_WIDTHS,
-    COUNTED,
+    COUNTED_VARIABLES,
     RAIL_NAMES,
-    TOGETHER,
+    VARIABLE_PAIRS,
     Shape,
     counted_shapes,
     shapes,
@@ -130,7 +130,7 @@ def _ranges_of_sessions(clips: Sequence[Clip]) -> dict[str, Span]:
     found = {}
     for name in SESSION_VARIABLES:
         values = sorted(float(getattr(clip.session, name)) for clip in clips)
-        if name not in COUNTED and values[-1] > values[0]:
+        if name not in COUNTED_VARIABLES and values[-1] > values[0]:
             # Two clips at least on either side: one alone may depart for any reason.
             between = [(a + b) / 2 for a, b in itertools.pairwise(values[1:-1]) if b > a]
             few = between[:: math.ceil(len(between) / MAX_PLACES) or 1]
@@ -155,7 +155,7 @@ def blocks(seen: Mapping[str, Span], counted: dict[str, int]) -> list[Block]:
     return [
         Block(quantity, names, (axes[names[0]], axes[names[1]] if len(names) > 1 else ALONE))
         for quantity, known in SEEN_BY.items()
-        for names in (*((name,) for name in known), *TOGETHER)
+        for names in (*((name,) for name in known), *VARIABLE_PAIRS)
         if all(name in axes and name in known for name in names)
     ]
 

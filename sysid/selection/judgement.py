@@ -1,10 +1,10 @@
-"""What speaks for something that a fit has more: its marginal likelihood, against nothing and against chance.
+"""Judgement of additional causes: their marginal likelihood against nothing, and against chance.
 
 In: a `FitView` of a fit without it, and of one with it. Out: `Judged`, and the `Threshold` that a cause must pass.
 
-A cause is judged by how much likelier the shots are with it, averaged over what it may be. It must be likelier than
-nothing, which beforehand is as likely as all causes together; likelier than that each shot has a size of its own; and
-what shots that are held out say against it is taken off.
+A cause is judged by the likelihood ratio of the shots with and without it, averaged over its prior. It must be likelier
+than nothing, which a priori is as likely as all causes together; it must be likelier than a separate size for each
+shot; and evidence against it from held-out shots is subtracted.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from sysid.selection.signatures import Candidate
 from sysid.selection.terms import Shape
 from sysid.selection.view import FitView
 
-ERROR_RATE = 0.05  # that is left to nothing, or to a cause that each shot has of its own, where a cause is added
-PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, of its width
-V = TypeVar("V", bound=FitView)  # of windows or of whole shots
+ERROR_RATE = 0.05  # probability that an added cause is due to nothing, or to a size of each shot's own
+PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, over its width
+V = TypeVar("V", bound=FitView)  # a view of windows or of whole shots
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """What is known beforehand of a parameter."""
+    """The prior of a parameter."""
 
     name: str
-    middle: float  # where it does nothing, or the middle of what it may be
-    sd: float  # its usual size, or the standard deviation of what it may be
-    sized: bool  # whether sizes smaller and larger than the usual one are as likely
+    middle: float  # value at which it does nothing, or the middle of its range
+    sd: float  # its usual size, or the standard deviation of its range
+    sized: bool  # whether smaller and larger sizes than the usual one are equally likely
 
 
 def unknowns_of(one: Candidate, names: Sequence[str]) -> list[Unknown]:
-    """Parameters of an effect that are among some constants."""
+    """The parameters of an effect among some constants, as unknowns."""
     found = []
     for key, meta in one.effect.parameters().items():
         if (name := f"{one.name}.{key}") in names:
@@ -56,7 +56,7 @@ def unknowns_of(one: Candidate, names: Sequence[str]) -> list[Unknown]:
 
 
 def unknowns_of_terms(terms: Shape) -> list[Unknown]:
-    """Coefficients of terms, and where their steps lie or over what they decay."""
+    """Coefficients of terms, with the places of their steps or their decay scales, as unknowns."""
     found = []
     for term in terms:
         found.append(Unknown(f"{EFFECT_NAME}.{term.name}", 0.0, PART_OF_WIDTH * term.width, True))
@@ -69,64 +69,64 @@ def unknowns_of_terms(terms: Shape) -> list[Unknown]:
 
 @dataclass(frozen=True)
 class Judged(Generic[V]):
-    """A fit with something more, and what speaks for that."""
+    """A fit with an additional cause, and the evidence for it."""
 
     view: V
-    unknowns: tuple[Unknown, ...]  # what it has more
-    log_odds: float  # of it over the fit without
-    over_scatter: float  # log odds over values that each shot has of its own
+    unknowns: tuple[Unknown, ...]  # parameters of the additional cause
+    log_odds: float  # of the fit over that without the cause
+    over_scatter: float  # log odds over separate values for each shot
     evidence: Evidence
-    held: float  # gain of log likelihood in shots held out
+    held: float  # gain of log likelihood in held-out shots
 
     @property
     def in_all(self) -> float:
-        """Log odds with what held-out shots say against it; what these say for it may be that they began elsewhere."""
+        """Log odds including held-out evidence against it; evidence for it may be due to their initial states."""
         return self.log_odds + min(self.held, 0.0)
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """From where on a cause is sure but for an error rate.
+    """The threshold at which a cause is accepted, for an error rate.
 
-    Beforehand all causes together are as likely as nothing, and each as likely as one that every shot has of its own.
+    A priori all causes together are as likely as nothing, and each is as likely as separate values for every shot.
     """
 
-    count: int  # of causes that were scored
+    count: int  # number of scored causes
     error_rate: float
 
     @property
     def sure(self) -> float:
-        """Log odds of what is sure."""
+        """Log odds of the error rate."""
         return math.log((1.0 - self.error_rate) / self.error_rate)
 
     @property
     def least(self) -> float:
-        """Log odds over nothing of a cause that is sure."""
+        """Least log odds over nothing of an accepted cause."""
         return math.log(self.count) + self.sure
 
     def is_passed(self, one: Judged[V]) -> bool:
-        """Whether it is sure by all shots, those held out as well."""
+        """Whether a cause is accepted by all shots, including held-out ones."""
         return one.in_all > self.least and self.is_sure(one)
 
     def is_sure(self, one: Judged[V]) -> bool:
-        """Whether it is sure by the shots that are fitted."""
+        """Whether a cause is accepted by the fitted shots."""
         return one.log_odds > self.least and one.over_scatter > self.sure
 
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
-    """What speaks for a fit with some parameters more.
+    """The evidence for a fit with additional parameters.
 
-    With the likeliest values d away from the middle, information S and covariance C of what they may be, a gain of log
-    likelihood counts less d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the sizes that they may have.
+    With the likeliest values d away from the middle, information S and prior covariance C, the gain of log likelihood
+    is reduced by d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the prior of sizes.
     """
     gain, known = less.gain(more) / more.design_effect, _known(less, more)
-    sized = [one for one in unknowns if one.sized]  # a place that is fitted is shared in any case
+    sized = [one for one in unknowns if one.sized]  # all shots share a fitted place in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
     held = less.held_gain(more) / more.design_effect
     names = ", ".join(one.name for one in unknowns)
     log.info(
-        "%s: log odds %.1f over nothing, %.1f over values of each shot's own, held out %.0f",
+        "%s: log odds %.1f over nothing, %.1f over separate values for each shot, held out %.0f",
         names, odds, alone, held,
     )  # fmt: skip
     bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
@@ -137,10 +137,9 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
 def judged_where_found(
     less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold, ranked: bool = False
 ) -> Judged[V]:
-    """The same; held-out shots that alone decide are first searched for where they began.
+    """The evidence; if held-out shots alone decide, their initial states are searched first.
 
-    They decide where they speak against what the others are sure of, and if it is `ranked` by what they say, wherever
-    that is much.
+    They decide if they contradict what the others accept, and, if `ranked`, wherever their evidence is large.
     """
     at = judged(less.beside(more), more, unknowns)
     decide = not threshold.is_passed(at) or (ranked and at.held < -SEPARATED_LOG_ODDS)
@@ -150,14 +149,14 @@ def judged_where_found(
 
 
 def _known(less: FitView, more: FitView) -> float:
-    """By how much a second fit agrees better with what is known beside the clips, in log likelihood."""
+    """Gain of a second fit in log likelihood of the priors of constants."""
     return 0.5 * (chi2_of_known(less.point) - chi2_of_known(more.point))
 
 
 def likelier(one: V, first: Sequence[Unknown], two: V, second: Sequence[Unknown]) -> float:
-    """Log of the marginal likelihood of a second fit over that of a first, neither of which need hold the other.
+    """Log ratio of the marginal likelihoods of two fits, the second over the first, which need not be nested.
 
-    Each has unknowns that the other need not have.
+    Each may have unknowns that the other lacks.
     """
     one, two = one.beside(two), two.beside(one)
     gain = one.gain(two)
@@ -175,13 +174,13 @@ def _away(view: FitView, unknowns: Sequence[Unknown]) -> Array:
 
 
 def covariances(unknowns: Sequence[Unknown]) -> Array:
-    """Of what parameters may be, for each of the n sizes that they may have: (n, k, k)."""
+    """Prior covariance of parameters, for each of n sizes: (n, k, k)."""
     sd, sized = np.array([one.sd for one in unknowns]), np.array([one.sized for one in unknowns])
     return np.array([np.diag(np.where(sized, size * sd, sd) ** 2) for size in USUAL_SIZES])
 
 
 def occam_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
-    """What parameters lose by what they might have been, in log likelihood; see `judged`."""
+    """The Occam penalty of parameters, in log likelihood; see `judged`."""
     information = view.told_of(_rows(view, unknowns))[0].sum(axis=0)
     away, odds = _away(view, unknowns), []
     for covariance in covariances(unknowns):
@@ -192,17 +191,17 @@ def occam_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
 
 
 def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, gradient: Array) -> float:
-    """Log odds of parameters that all shots share over those that each shot has of its own, of the same sizes.
+    """Log odds of shared parameters over separate ones for each shot, with the same prior sizes.
 
     The losses of shots are quadratic in the parameters.
 
     Args:
-        away: (k,) where they are likeliest, from their middles.
-        unknowns: what is known of them beforehand.
+        away: (k,) likeliest values, relative to the middles.
+        unknowns: their priors.
         information: (n, k, k) of each shot.
-        gradient: (n, k) of its loss, there.
+        gradient: (n, k) of its loss at these values.
     """
-    pull = information @ away - gradient  # gradient where the parameters do nothing, downwards
+    pull = information @ away - gradient  # downward gradient where the parameters do nothing
     sizes = covariances(unknowns)
     own = log_odds(information, pull, sizes[:, None]).sum(axis=1)
     shared = log_odds(information.sum(axis=0), pull.sum(axis=0), sizes)
@@ -210,7 +209,7 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
 
 
 def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
-    """What parameters are worth by their distance from where they do nothing, in log likelihood."""
+    """Gain of log likelihood by parameters at a distance from where they do nothing."""
     unknowns = [one for one in unknowns if one.sized]
     away = _away(view, unknowns)
     return 0.5 * float(away @ view.told_of(_rows(view, unknowns))[0].sum(axis=0) @ away)

@@ -1,14 +1,14 @@
-"""The shots to film next: a sequence that parts all models that are left, within what the launcher can play.
+"""The shots to film next: a sequence that separates all remaining models, within the launcher's range.
 
-In: the last fit, the fits of rival causes, or what the clips may hide. Out: `NextShot`s, in the order in which to film.
+In: the last fit, the fits of rival causes, or effects that the clips may hide. Out: `NextShot`s, in the order to film.
 
-Many shots are tried. Where a model is named, they are played in it and compared with every rival's fit; where none is,
+Many shots are tried. If there is a verdict, they are played in its model and compared with every rival's fit; otherwise
 they are played in the fit and with every effect as large as these clips can hide it. With d the difference of the
 tracks in standard deviations of the camera, J its Jacobian by initial states and constants, and P their covariance
-(scatter of the commands, uncertainty of the constants), two models are D = d' (1 + J P J')^-1 d apart: what a fit could
-make up for by its unknowns does not count. D adds up over shots, and the chance to take one for the other is at most
-exp(-D / 8) / 2 (A. Bhattacharyya 1943, of normal distributions of equal covariance). So the next shot is the one that
-leaves the least sum of these over all rivals, until that is below the error rate.
+(scatter of the commands, uncertainty of the constants), two models are D = d' (1 + J P J')^-1 d apart, which excludes
+differences that a fit could compensate by its unknowns. D adds up over shots, and the probability of confusion is at
+most exp(-D / 8) / 2 (A. Bhattacharyya 1943, for normal distributions of equal covariance). So the next shot is the one
+that minimises the sum of these over all rivals, until that is below the error rate.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from sysid.selection.signatures import with_candidate
 TRIED_SHOTS = 64  # a power of two, as Sobol sequences need
 SHOT_DURATION_S = 4.0
 CAMERA_FPS = 60.0
-BALL_SPEEDS_M_S = (0.6, 2.7)  # of the struck ball (Robotic Billiards 2015: to 2.75)
-MAX_TIP_OFFSET_M = 0.012  # of the tip, sideways and up (the same)
-MAX_CUT_DIAMETERS = 0.8  # sideways distance at which the other ball is met
-MAX_DIFFERENCE_SD = 20.0  # more is not counted: the balls met something else
-MAX_SD_OF_RANGE = 0.05  # of the bounds' width: an effect of larger standard deviation is imitated by the active ones
-HIDDEN_EFFECT_SD = 3.0  # standard deviations: size of an effect that clips may hide
-MAX_NEXT_SHOTS = 8  # that are told
+BALL_SPEEDS_M_S = (0.6, 2.7)  # range of the struck ball's speed (Robotic Billiards 2015: to 2.75)
+MAX_TIP_OFFSET_M = 0.012  # largest offset of the tip, sideways and up (likewise)
+MAX_CUT_DIAMETERS = 0.8  # largest offset of the aim from the other ball's centre
+MAX_DIFFERENCE_SD = 20.0  # larger differences are clipped: the balls met something else
+MAX_SD_OF_RANGE = 0.05  # an effect with a larger sd, over its bounds' width, is imitated by active ones
+HIDDEN_EFFECT_SD = 3.0  # size of an effect that clips may hide, in standard deviations
+MAX_NEXT_SHOTS = 8  # most shots that are proposed
 COMMAND_SD = (0.01, 0.005, 0.0003)  # scatter of speed (fraction), azimuth [rad], offsets [m]
 log = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ class NextShot:
     other: tuple[float, float] | None  # of the ball to hit, if any [m]
     sigmas: float  # separation of the two predictions [standard deviations]
     why: str
-    doubt: float  # at most the chance to be wrong between any of the models, after it and those before
+    doubt: float  # bound on the probability of confusion between the models after this shot and those before
 
     def shot(self, radius: float) -> Shot:
         """As it is commanded, of balls of a radius [m], for SHOT_DURATION_S."""
@@ -80,7 +80,7 @@ class NextShot:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As result.json has it."""
+        """The shot as an entry of result.json."""
         return {
             "why": self.why, "cue": dataclasses.asdict(self.cue), "ball": list(self.place),
             "other": list(self.other) if self.other else None, "separates_sd": self.sigmas, "doubt": self.doubt,
@@ -89,7 +89,7 @@ class NextShot:
 
 @dataclass(frozen=True)
 class _PlannedShot:
-    """A shot to be tried."""
+    """A candidate for the next shot."""
 
     shot: Shot
     cue: CueCommand
@@ -98,7 +98,7 @@ class _PlannedShot:
 
 @dataclass(frozen=True)
 class Rival:
-    """A fit that another model is to be told from."""
+    """A fit from which another model is to be separated."""
 
     name: str
     fit: Point
@@ -108,15 +108,15 @@ class Rival:
 def propose_shots(
     truth: Model, rivals: Sequence[Rival], sigma: float, why: str, error_rate: float = ERROR_RATE, seed: int = 0
 ) -> tuple[NextShot, ...]:
-    """The shots, of a cue ball alone or at another ball, that part a model from its rivals, the best first.
+    """The shots, of a cue ball alone or at another ball, that separate a model from its rivals, the best first.
 
     Args:
         truth: the model in which the shots are played.
-        rivals: fits to tell it from.
+        rivals: fits to separate it from.
         sigma: noise of the camera [m].
-        why: what the shots are for, in words that a rival's name follows.
-        error_rate: below which nothing is left in doubt.
-        seed: of the shots tried.
+        why: the purpose of the shots, a text that a rival's name follows.
+        error_rate: probability of confusion to reach.
+        seed: for the candidate shots.
     """
     planned, clips = _played(truth, seed)
     apart = []
@@ -129,14 +129,14 @@ def propose_shots(
 def propose_to_show(
     now: FittedModel, rows: Sequence[Score], sigma: float, error_rate: float = ERROR_RATE, seed: int = 0
 ) -> tuple[NextShot, ...]:
-    """The shots that show what effects the clips of a fit may hide, as large as they can hide them.
+    """The shots that reveal effects that the clips may hide, at the largest hidden size.
 
     Args:
         now: the fit.
-        rows: scores of effects beside it.
+        rows: scores of effects that it lacks.
         sigma: noise of the camera [m].
-        error_rate: below which nothing is left in doubt.
-        seed: of the shots tried.
+        error_rate: probability of confusion to reach.
+        seed: for the candidate shots.
     """
     planned, clips = _played(now.model, seed)
     seen = _look_ahead(now, planned, clips, now.covariance, sigma)
@@ -148,14 +148,14 @@ def propose_to_show(
         with_it = with_candidate(seen.problem, one).evaluate(seen.states, constants, which)
         apart.append(seen.apart(with_it - seen.residuals))
         hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
-        whys.append(f"these clips say little of {one.name}: they could hide {hidden}")
+        whys.append(f"these clips hardly determine {one.name}: they could hide {hidden}")
     return _sequence(planned, np.array(apart), whys, error_rate)
 
 
 def _sequence(
     planned: Sequence[_PlannedShot], apart: Array, whys: Sequence[str], error_rate: float
 ) -> tuple[NextShot, ...]:
-    """Shots, each the one that leaves least in doubt; `apart` (k, n) is how far each parts each of k rivals."""
+    """Shots, each the one that leaves least doubt; `apart` (k, n) is the separation of k rivals by each shot."""
     so_far, found, left = np.zeros(len(apart)), list[NextShot](), list(range(len(planned)))
     while len(found) < MAX_NEXT_SHOTS:
         doubts = 0.5 * np.exp(-(so_far[:, None] + apart[:, left]) / 8.0)
@@ -171,14 +171,14 @@ def _sequence(
 
 
 def _told(plan: _PlannedShot, sigmas: float, why: str, doubt: float) -> NextShot:
-    """A shot, rounded as it is told."""
+    """A shot, rounded for output."""
     cue = CueCommand(*(float(f"{v:.4f}") for v in dataclasses.astuple(plan.cue)))
     x, y = plan.shot.position[0]
     return NextShot(cue, (float(f"{x:.3f}"), float(f"{y:.3f}")), plan.other, sigmas, why, doubt)
 
 
 def _played(truth: Model, seed: int) -> tuple[list[_PlannedShot], list[Clip]]:
-    """Shots that are tried, and what the camera sees of them, of those that it sees long enough."""
+    """Candidate shots that the camera sees long enough, and their simulated clips."""
     planned = _planned_shots(truth, seed)
     tracks = observed(truth, [plan.shot for plan in planned])
     clips = [_clip_of(plan, track) for plan, track in zip(planned, tracks, strict=True)]
@@ -188,7 +188,7 @@ def _played(truth: Model, seed: int) -> tuple[list[_PlannedShot], list[Clip]]:
 
 def _planned_shots(model: Model, seed: int) -> list[_PlannedShot]:
     """Shots spread evenly over speed, azimuth, tip offset, place and cut; every third at another ball."""
-    from scipy.stats import qmc  # slow to load, and needed once
+    from scipy.stats import qmc  # slow to import and rarely needed
 
     table, radius = model.table, model.ball.radius
     unit = qmc.Sobol(8, seed=seed).random(TRIED_SHOTS)
@@ -226,7 +226,7 @@ def _commanded(cue: CueCommand, place: Array, other: Array | None, radius: float
 
 
 def _clip_of(plan: _PlannedShot, track: Track) -> Clip:
-    """What the camera would see of a shot, without noise."""
+    """The clip that the camera would record of a shot, without noise."""
     balls = {}
     for b, name in enumerate(plan.shot.names):
         seen = np.isfinite(track.position[:, b, 0])
@@ -237,16 +237,16 @@ def _clip_of(plan: _PlannedShot, track: Track) -> Clip:
 
 @dataclass(frozen=True)
 class _Ahead:
-    """What a fit expects of shots that were not played yet, and how far it may be off."""
+    """A fit's prediction for shots that were not played yet, with its uncertainty."""
 
     problem: ShotProblem
-    states: Array  # (n, p) as they are commanded
+    states: Array  # (n, p) as commanded
     residuals: Array  # (n, m) of the shots, over the standard deviation of the noise
     jacobian: Array  # (n, m, p + q) by states and constants
     covariance: Array  # (n, p + q, p + q) of these
 
     def apart(self, differences: Array) -> Array:
-        """Squared Mahalanobis distance of differences (n, m) from what the fit's unknowns could make up for: (n,)."""
+        """Squared Mahalanobis distance of differences (n, m), beyond what the fit's unknowns can explain: (n,)."""
         found = np.zeros(len(differences))
         for k, (row, of_row, p) in enumerate(zip(differences, self.jacobian, self.covariance, strict=True)):
             use = np.isfinite(row)
@@ -260,7 +260,7 @@ class _Ahead:
 def _look_ahead(
     one: Point, planned: Sequence[_PlannedShot], clips: Sequence[Clip], covariance: Array, sigma: float
 ) -> _Ahead:
-    """What a fit expects of shots, of which these clips would be filmed."""
+    """A fit's prediction for shots of which these clips would be filmed."""
     model = one.model
     clip_set = ClipSet(model.table, model.ball, CAMERA_FPS, tuple(clips), sigma)
     problem = shot_problem(one.problem.model, one.problem.names, clip_set, sigma)
@@ -286,14 +286,14 @@ def _look_ahead(
 def propose_next(
     parts: Split, now: FittedModel, rounds: Sequence[Screening], verdict: Sequence[str], error_rate: float = ERROR_RATE
 ) -> tuple[NextShot, ...]:
-    """The shots that part the verdict from its rivals or, without any, show what the clips may hide.
+    """The shots that separate the verdict from its rivals, or, without a verdict, reveal what the clips may hide.
 
     Args:
         parts: the clips.
         now: their last fit.
         rounds: all screenings.
-        verdict: effects that were named.
-        error_rate: below which nothing is left in doubt.
+        verdict: named effects.
+        error_rate: probability of confusion to reach.
     """
     if not rounds:
         return ()
@@ -303,12 +303,12 @@ def propose_next(
         rivals = [Rival(one.name, one.fitted, one.fitted.covariance) for one in named[-1].fits if one.name != best.name]
         if rivals:
             return propose_shots(best.fitted.model, rivals, parts.noise, f"to separate {best.name} from", error_rate)
-    # An effect that the active ones can imitate wholly is hidden at any size: no shot would show it.
+    # An effect that the active ones imitate completely is hidden at any size: no shot would show it.
     rows = [row for row in rounds[-1].scores.rows if _is_separate(row)]
     return propose_to_show(now, rows, parts.noise, error_rate) if rows else ()
 
 
 def _is_separate(row: Score) -> bool:
-    """Whether the active effects do not imitate a candidate."""
+    """Whether a candidate is not imitated by the active effects."""
     low, high = row.candidate.bounds().T
     return bool(np.all((row.sd > 0) & (row.sd < MAX_SD_OF_RANGE * (high - low))))

@@ -1,11 +1,11 @@
-"""What neither an effect nor a formula explains: an oscillation of the camera, or an error of unknown origin.
+"""Residual structure that no effect or formula explains: an oscillation of the camera, or an unknown error.
 
-In: a fit (`Point`). Out: `unexplained` of result.json, or None where the residuals are noise.
+In: a fit (`Point`). Out: `unexplained` of result.json, or None if the residuals are noise.
 
 The balls of a clip oscillate together in the image, with a phase that differs from clip to clip. So each clip has its
 own amplitude and phase, and the frequency is the one that explains most over all clips (a periodogram, summed over
-clips). Left out: initial states take up a part of an oscillation of less than a period per clip, which so shows too
-weak.
+clips). Left out: initial states absorb part of an oscillation of less than a period per clip, so its amplitude is
+underestimated.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from sysid.estimation.problem import Array
 from sysid.selection.departures import shared_cause
 from sysid.selection.evidence import MAX_RESIDUAL_SD, correlation_time, excess_variance
 
-MIN_EXCESS_VARIANCE = 0.1  # over the noise's variance, for anything to be reported
-MIN_CORRELATION_TIME = 1.5  # samples; of residuals that are less correlated the noise is larger, or has heavier tails
-MAX_CHANCE = 1e-6  # that noise alone shows such an oscillation
+MIN_EXCESS_VARIANCE = 0.1  # least variance beyond the noise that is reported, over that of the noise
+MIN_CORRELATION_TIME = 1.5  # [samples]; with less correlation the noise is larger than stated, or has heavier tails
+MAX_CHANCE = 1e-6  # largest probability that noise alone shows such an oscillation
 EVENT_PLACES = {"ball": "collisions of balls", "cushion": "impacts at cushions", "start": "from the start of shots on"}
-FREQUENCIES_PER_PERIOD = 4  # resolution, over one period in the longest clip
+FREQUENCIES_PER_PERIOD = 4  # frequencies per period in the longest clip
 MAX_FREQUENCY_HZ = 60.0
-MIN_PERIODS = 2  # in the longest clip
+MIN_PERIODS = 2  # fewest periods in the longest clip
 MIN_EXPLAINED_SHARE = 0.5  # of chi-square beyond noise, by one frequency: slow errors have some of each
 MIN_CLIP_SAMPLES = 20
-FREQUENCY_BATCH = 200  # frequencies at a time: long clips at high rates would fill the memory
+FREQUENCY_BATCH = 200  # frequencies evaluated at a time, to bound the memory
 
 
 def remainder(now: Point) -> Mapping[str, Any] | None:
-    """What a fit leaves beyond noise, as `unexplained` of result.json has it; None where that is negligible."""
+    """The structure that a fit leaves beyond noise, as `unexplained` of result.json; None if it is negligible."""
     excess = excess_variance(now)
     tau = correlation_time(now, now.discrepancy_rate)
     if excess < MIN_EXCESS_VARIANCE or tau < MIN_CORRELATION_TIME:
@@ -48,7 +48,7 @@ def remainder(now: Point) -> Mapping[str, Any] | None:
 
 
 def oscillation(point: Point) -> Mapping[str, Any] | None:
-    """The camera's oscillation, as `unexplained` of result.json has it; None where there is none."""
+    """The camera's oscillation, as `unexplained` of result.json; None if there is none."""
     clips = [c for c in _by_clip(point) if len(c[0]) >= MIN_CLIP_SAMPLES]
     if not clips:
         return None
@@ -76,7 +76,7 @@ def oscillation(point: Point) -> Mapping[str, Any] | None:
     amplitude, f = point.problem.noise * float(np.sqrt(size[axis, k] / len(clips))), float(frequency[k])
     name = "xy"[axis]
     return {
-        "where": f"the image: it swings along {name}, {f:.2f} times a second", "depends_on": ["time"],
+        "where": f"the image: it oscillates along {name} at {f:.2f} Hz", "depends_on": ["time"],
         "size": amplitude, "unit": "m", "what": "place of everything in the image", "frequency_hz": f,
         "form": f"{name} + {amplitude:.2g} m sin(2 pi {f:.2f} t + a phase of each clip)",
         "delta_bic": float(power[axis, k]) - 2 * len(clips) * float(np.log(sum(len(t) for t, _ in clips))), "terms": [],

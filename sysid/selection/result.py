@@ -1,4 +1,4 @@
-"""What a discovery finds: the ladder of fits, the screenings on the way, what stays unexplained, the next shot."""
+"""The result of a discovery: the ladder of fits, the screenings, unexplained structure, the next shots."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Show = Callable[["DiscoveryResult"], None]
 
 @dataclass(frozen=True)
 class DiscoveryResult:
-    """What was found, so far or in the end."""
+    """The result of a discovery, intermediate or final."""
 
     parts: Split
-    ladder: tuple[FittedModel, ...]  # base first
-    verdicts: tuple[tuple[str, ...], ...]  # named effects in each of them
+    ladder: tuple[FittedModel, ...]  # the base first
+    verdicts: tuple[tuple[str, ...], ...]  # named effects of each
     rounds: tuple[Screening, ...]
-    unexplained: Mapping[str, Any] | None = None  # what no effect of the catalogue explains, as result.json has it
-    explained: FittedModel | None = None  # the last fit with the formula for it
+    unexplained: Mapping[str, Any] | None = None  # structure outside the catalogue, as in result.json
+    explained: FittedModel | None = None  # the last fit with a formula for that structure
     next_shots: tuple[NextShot, ...] = ()  # to film, the best first
-    stability: Stability | None = None  # how often the verdict returns; None beside a formula
+    stability: Stability | None = None  # reproducibility of the verdict; None if there is a formula
     pruned: tuple[str, ...] = ()  # effects that were named and later dropped
 
     @property
@@ -43,24 +43,24 @@ class DiscoveryResult:
 
     @property
     def last(self) -> FittedModel:
-        """The fit that was found."""
+        """The last fit."""
         return self.ladder[-1]
 
     @property
     def converged(self) -> bool:
-        """Whether the fit did whose constants the model has, see `model_of`."""
+        """Whether the fit converged from which the model takes its constants, see `model_of`."""
         return (self.explained or self.last).converged
 
     @property
     def model(self) -> Model:
-        """The model that was found, with values, standard deviations, correlations and sources."""
+        """The discovered model, with values, standard deviations, correlations and sources."""
         return self.model_of(self.last)
 
     def model_of(self, fitted: FittedModel, command: str = "sysid discover") -> Model:
         """The model of one step of the ladder.
 
-        With a formula for what no effect explains, the constants of the last step are those of the fit that included
-        it: without the formula they bend to make up for what is missing.
+        If there is a formula for unexplained structure, the constants of the last step are those of the fit with it;
+        without the formula they would be biased by what is missing.
         """
         if fitted is self.last and self.explained is not None:
             problem = self.explained.problem.with_model(fitted.model, self.explained.names)
@@ -75,16 +75,16 @@ class DiscoveryResult:
 
     @property
     def refuted(self) -> frozenset[str]:
-        """Effects with evidence in the training clips whose fits followed the held-out ones worse."""
+        """Effects supported by the training clips whose fits followed the held-out clips worse."""
         return frozenset(name for one in self.rounds for name in one.refuted)
 
     def with_step(self, now: FittedModel, verdict: tuple[str, ...], dropped: tuple[str, ...]) -> DiscoveryResult:
-        """The ladder with another last fit, after those that have only effects of its verdict.
+        """The result with another last fit, after the ladder's steps with only effects of its verdict.
 
         Args:
             now: the fit.
             verdict: its effects.
-            dropped: those that were named and are no longer.
+            dropped: effects that were named before.
         """
         steps = [(s, v) for s, v in zip(self.ladder, self.verdicts, strict=True) if set(v) < set(verdict)]
         steps.append((now, verdict))

@@ -1,11 +1,11 @@
-"""Score test of effects that a model lacks: their predicted improvement, before any of them is fitted.
+"""Score test of missing effects: their predicted improvement, before any of them is fitted.
 
 In: a converged fit (`Point`) and candidates. Out: `Scores`: for each candidate the predicted improvement of chi-square,
 the parameter values that would give it with their standard deviations, and correlations between candidates.
 
 The signature of a candidate is the change of the residuals when it is switched on a little. With H the information of
-initial states, constants and candidates together, the Schur complement S of the candidates' block is what their
-signatures add beside all that is fitted already; with the gradient g, projected likewise, the predicted improvement is
+initial states, constants and candidates together, the Schur complement S of the candidates' block is the information
+that their signatures add to everything fitted; with the gradient g, projected likewise, the predicted improvement is
 g' S^-1 g (Rao 1948). It costs one batch of simulations for each candidate.
 """
 
@@ -27,23 +27,23 @@ from sysid.estimation.solver.least_squares import differences, weights
 from sysid.estimation.solver.normal_equations import from_columns
 from sysid.selection.signatures import Candidate, Signature, signature_of
 
-MIN_INFORMATION_LEFT = 1e-9  # Schur over marginal information: below it nothing is left after projection
+MIN_INFORMATION_LEFT = 1e-9  # Schur over marginal information below which nothing is left after projection
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Score:
-    """The predicted improvement by a candidate, beside all that is active."""
+    """The predicted improvement by a candidate, given everything active."""
 
     candidate: Candidate
     predicted_improvement: float  # fall of chi-square by the linear model
-    values: Array  # (k,) parameter values that give it
+    values: Array  # (k,) parameter values for it
     sd: Array  # (k,) their standard deviations
 
 
 @dataclass(frozen=True)
 class Scores:
-    """All candidates at one operating point."""
+    """The scores of all candidates at one operating point."""
 
     rows: tuple[Score, ...]  # best first
     chi2: float  # weighted sum of squares
@@ -55,7 +55,7 @@ class Scores:
     probe: Array  # (K,) parameter change of one probe
 
     def only(self, names: Collection[str]) -> Scores:
-        """Of some candidates."""
+        """The scores of some candidates."""
         kept = [name for name in self.blocks if name in names]
         at = np.concatenate(
             [np.zeros(0, np.int64), *(np.arange(self.blocks[n].start, self.blocks[n].stop) for n in kept)]
@@ -70,17 +70,17 @@ class Scores:
 
     @cached_property
     def correlations(self) -> dict[tuple[str, str], float]:
-        """Of the projected signatures of every two candidates."""
+        """Correlation of the projected signatures of every two candidates."""
         return _canonical_correlations(self.schur_information, self.blocks)
 
     def correlation(self, one: str, two: str) -> float:
-        """Correlation of the projected signatures of two candidates; 0 for one that was not scored."""
+        """Correlation of the projected signatures of two candidates; 0 if one was not scored."""
         return self.correlations.get((one, two), self.correlations.get((two, one), 0.0))
 
 
 @dataclass(frozen=True)
 class Linearised:
-    """Every shot's loss as a quadratic one of the constants, then of the probes of candidates, states eliminated."""
+    """Quadratic losses of shots in the constants and the candidates' probes, with states eliminated."""
 
     signatures: tuple[Signature, ...]  # of the candidates, with K probes in all
     information: Array  # (n, q + K, q + K), or (1, q + K, q + K) of all shots together
@@ -90,7 +90,7 @@ class Linearised:
     count: int  # of residuals
 
     def held(self, rows: Index, away: Array) -> Linearised:
-        """The same with some constants (k,) held so far below where they are, and no unknowns any more."""
+        """The losses with some constants held at an offset (k,) below their values, no longer unknowns."""
         rest = np.setdiff1d(np.arange(self.gradient.shape[1]), rows)
         gradient = self.gradient - self.information[:, :, rows] @ away
         return dataclasses.replace(
@@ -103,7 +103,7 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
 
     Args:
         point: a converged fit; candidates are scored at the standard deviations of its discrepancy rate.
-        candidates: what may be missing; of several with one name only the best is kept.
+        candidates: possible causes; of several with the same name only the best is kept.
         quick: see `signature`.
     """
     return scores_of(point, linearise(point, candidates, quick, together=True))
@@ -112,9 +112,9 @@ def score_all(point: Point, candidates: Sequence[Candidate], quick: bool = False
 def linearise(
     point: Point, candidates: Sequence[Candidate], quick: bool = False, *, together: bool = False
 ) -> Linearised:  # fmt: skip
-    """A fit with candidates beside it, see `score_all`, as quadratic losses of its shots, or of all together."""
+    """Quadratic losses of a fit and candidates (see `score_all`), for each shot or all together."""
     if candidates:
-        log.info("scoring %d candidates beside %s", len(candidates), ", ".join(point.names) or "nothing")
+        log.info("scoring %d candidates in addition to %s", len(candidates), ", ".join(point.names) or "nothing")
     problem = point.weighted
     point = dataclasses.replace(point, problem=problem)
     x, n = point.initial_states, len(point.initial_states)
@@ -139,12 +139,12 @@ def linearise(
 
 
 def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Scores:
-    """Scores of candidates.
+    """Compute the scores of candidates.
 
     Args:
-        point: where the constants are, and what is known of them.
-        seen: the losses of its shots.
-        design_effect: by how much less than that the shots tell.
+        point: the constants and their priors.
+        seen: quadratic losses of the shots.
+        design_effect: factor by which the shots are less informative.
     """
     q, signatures, marginal = len(point.constants), seen.signatures, seen.marginal_information / design_effect
     information, gradient = seen.information.sum(axis=0) / design_effect, seen.gradient.sum(axis=0) / design_effect
@@ -201,7 +201,7 @@ def _score(s: Signature, schur: Array, gradient: Array, marginal: Array) -> Scor
 
 
 def add_known(information: Array, gradient: Array, point: Point, signatures: Sequence[Signature]) -> None:
-    """Add, in place, what is known of constants (per unit) and of switching parameters (per probe) beside the clips."""
+    """Add the priors of constants (per unit) and of switching parameters (per probe), in place."""
     entries = [(name, float(c), 1.0) for name, c in zip(point.names, point.constants, strict=True)]
     for s in signatures:
         named = [f"{s.candidate.name}.{k}" for k in s.candidate.keys]

@@ -1,4 +1,4 @@
-"""A round of discovery: candidates scored and fitted, and which of them is missing.
+"""The result of a round of discovery: scored and fitted candidates, and which of them is missing.
 
 In: scores and fits (of search.py). Out: a `Screening`: the fits with their evidence over the base, the best of them,
 its margin over the next, and the candidates that these data confound.
@@ -18,17 +18,17 @@ from sysid.selection.formula import SEPARATED_LOG_ODDS, SparseFormula
 from sysid.selection.score import Score, Scores
 from sysid.selection.signatures import Candidate, candidate
 
-CONFOUNDED_CORRELATION = 0.9  # of two signatures, from which on candidates count as confounded
+CONFOUNDED_CORRELATION = 0.9  # least correlation of two signatures that are confounded
 
 
 @dataclass(frozen=True)
 class FittedCandidate:
-    """A candidate that was fitted."""
+    """A fitted candidate."""
 
     score: Score
     fitted: FittedModel
     evidence: Evidence  # over the base
-    generalises: bool = True  # whether held-out shots do not speak against it
+    generalises: bool = True  # whether held-out shots do not contradict it
 
     @property
     def name(self) -> str:
@@ -50,7 +50,7 @@ class Screening:
     fits: tuple[FittedCandidate, ...]  # best first; of tied ones, that with the fewest constants first
     confounded: tuple[tuple[str, str, float], ...]  # pairs of relevant candidates, with their correlation
     tied: tuple[tuple[str, str], ...]  # pairs of fits that the evidence does not separate
-    windows: int = 0  # of one impact each, on which candidates were scored; 0 where whole shots were
+    windows: int = 0  # number of windows on which candidates were scored; 0 for whole shots
     best: FittedCandidate | None = None  # the effect to name
 
     @property
@@ -60,18 +60,18 @@ class Screening:
 
     @property
     def margin(self) -> float:
-        """Delta BIC of the best fit over the next; infinite where no other candidate was fitted."""
+        """Delta BIC of the best fit over the next; infinite if no other candidate was fitted."""
         odds = [one.evidence.delta_bic for one in self.fits]
         return odds[0] - odds[1] if len(odds) > 1 else float("inf")
 
     @property
     def refuted(self) -> tuple[str, ...]:
-        """Candidates with evidence in the training clips whose fit follows the held-out ones worse."""
+        """Candidates supported by the training clips whose fit follows the held-out clips worse."""
         return tuple(one.name for one in self.fits if not one.generalises and one.evidence.log_odds > 0.0)
 
     @property
     def doubtful(self) -> tuple[str, ...]:
-        """Candidates whose fit did not converge."""
+        """Names of candidates whose fit did not converge."""
         return tuple(one.name for one in self.fits if not one.converged)
 
 
@@ -89,14 +89,14 @@ class Diagnosis:
 
 
 def candidates_for(model: Model, extra: Sequence[type[Effect]] = ()) -> list[Candidate]:
-    """Effects that the model lacks and that replace none of its own; one that acts in some place at several of them."""
+    """Candidates from effects that the model lacks and that replace none of its own; local ones at several places."""
     active, slots = {e.name() for e in model.effects}, {e.slot for e in model.effects if e.slot}
     found = [k for n, k in catalogue().items() if n not in active and k.slot not in slots]
     return [candidate(start) for k in [*found, *extra] for start in k.starts(model.table)]
 
 
 def confounded(scores: Scores) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of confounded candidates of which one matters, with their correlation."""
+    """Pairs of confounded candidates, one of which is relevant, with their correlation."""
     predicted = {row.candidate.name: row.predicted_improvement for row in scores.rows}
     least = max(2 * SEPARATED_LOG_ODDS, 0.5 * max(predicted.values(), default=0.0))
     return tuple(

@@ -1,11 +1,11 @@
-"""What a fit lacks: one cause after another, named or not, as long as each is likelier than chance.
+"""Search for what a fit lacks: adds one cause after another, as long as each is likelier than chance.
 
-In: a `FitView` of a fit. Out: views with what it lacks added, and the rounds in which that was found.
+In: a `FitView` of a fit. Out: views with the missing causes, and the rounds of the search.
 
-Named effects, unknown functions and terms are scored beside the fit at once. A cause is added if it is sure but for an
-error rate (judgement.py), first by its score, then by a fit. An unknown function is added as terms that have its shape,
-if these explain more than the best named effect and this leaves more than noise. What the rest makes needless, by the
-same rule, is dropped.
+Named effects, unknown functions and terms are scored together. A cause is added if it is accepted at an error rate
+(judgement.py), first by its score, then by a fit. An unknown function is added as terms of its shape, if these explain
+more than the best named effect and that effect leaves more than noise. Causes that become redundant, by the same rule,
+are dropped.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sysid.selection.formula import (
     EFFECT_NAME,
     RIVAL_SHARE,
     SEPARATED_LOG_ODDS,
-    UNNAMED,
+    UNNAMED_EFFECT,
     Looked,
     SparseFormula,
     grown,
@@ -48,18 +48,18 @@ from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import candidate
 from sysid.selection.terms import Shape
 
-MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: at most, and as long as none is needed
+MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Round(Generic[V]):
-    """What a fit lacks first."""
+    """The result of one step of the search."""
 
     screening: Screening
-    view: V  # with it, or as it was
-    formula: SparseFormula | None  # that the view has
-    threshold: Threshold  # that it passed
+    view: V  # with the cause, or unchanged
+    formula: SparseFormula | None  # of the view
+    threshold: Threshold  # that the cause passed
 
     @property
     def name(self) -> str | None:
@@ -68,16 +68,16 @@ class Round(Generic[V]):
 
 
 def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float = ERROR_RATE) -> Round[V]:
-    """The likeliest cause beside a fit, added to it; the same fit where nothing is likely.
+    """Add the likeliest cause to a fit; the same fit if nothing is likely.
 
-    A fit that lacks much may have bent constants so far that the scores of what is missing vanish. Where an unknown
-    function or a term is likeliest, and sure, it is fitted first: what takes its place is looked for by the losses of
-    the shots that it follows, and fitted from there.
+    A fit that lacks much may have constants so biased that the scores of the missing causes vanish. If an unknown
+    function or a term is likeliest, and accepted, it is fitted first; its replacement is then sought with the losses of
+    the shots that this fit follows, and fitted from there.
 
     Args:
         view: the fit.
-        formula: that it has.
-        error_rate: of a cause that is added.
+        formula: of the fit.
+        error_rate: of an added cause.
     """
     named = candidates_for(view.model)
     seen = look(view.point, view.scores, formula, named)
@@ -87,7 +87,8 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
     less = view.continued()
     if first.name not in seen.named and first.log_odds > threshold.least:
         free = view.with_effect(seen.unnamed(first)).renewed().searched()
-        start, gone = free.stripped(UNNAMED), {name for name in free.names if name.startswith(f"{UNNAMED}.")}
+        start = free.stripped(UNNAMED_EFFECT)
+        gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named)
         found = _added(view, start, less.beside(start), there, formula, threshold)
         if found.view is not view:
@@ -96,14 +97,14 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
 
 
 def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold) -> Round[V]:
-    """The likeliest cause of those that were seen, added.
+    """Add the likeliest of the scored causes.
 
     Args:
         view: the fit that lacks it.
-        start: a fit from which those with a cause begin.
-        less: the fit to compare them with.
-        seen: what is likely beside the start.
-        formula: that the fit has.
+        start: a fit from which those with a cause start.
+        less: the fit to compare these with.
+        seen: scores of causes at the start.
+        formula: of the fit.
         threshold: that a cause must pass.
     """
     least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
@@ -134,10 +135,10 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
-    """Effects, the likeliest first, all at the errors of the best of them; those beside which it is sure come last.
+    """Fitted effects, the likeliest first, all at the errors of the model of the best; clearly inferior ones come last.
 
-    They were fitted at those of the model that lacks them all, which hide by how much they differ. Of those that the
-    shots do not tell apart, the one with the fewest parameters is first.
+    They were fitted at the errors of the model that lacks them all, which hide their differences. Of effects that the
+    shots do not separate, the one with the fewest parameters comes first.
     """
     order = sorted(good, key=lambda one: -one[1].log_odds)
     if not order:
@@ -169,16 +170,16 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
 def explained_by_shape(
     view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, threshold: Threshold
 ) -> tuple[V, SparseFormula] | None:
-    """A formula with one shape more, if that explains more than an effect, or something where there is none.
+    """A formula with an additional shape, if that explains more than the best effect, or anything without an effect.
 
-    Several shapes against one effect would win wherever much is missing, though more effects may explain that, too.
-    Of shapes that the shots do not tell apart, the one of the fewest variables and terms is taken.
+    Several shapes against one effect would win whenever much is missing, although more effects might explain it as
+    well. Of shapes that the shots do not separate, the one with the fewest variables and terms is used.
 
     Args:
-        view: a fit without any of both, from which one with a term begins.
+        view: a fit without either, from which one with a term starts.
         less: the fit to compare it with.
-        seen: what is likely beside it.
-        formula: that it has already.
+        seen: scores of causes for it.
+        formula: of the fit.
         rival: the fit with the effect.
         threshold: that a shape must pass.
     """
@@ -201,23 +202,23 @@ def explained_by_shape(
 
 
 def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
-    """Whether a fit with a shape is likelier than one with an effect, and it explains something beside that.
+    """Whether a fit with a shape is likelier than one with an effect, and explains something in addition to it.
 
-    A term that is the law of the effect explains nothing beside it, however many steps each of the fits has come.
+    A term that equals the law of the effect explains nothing in addition, whatever progress each fit has made.
     """
     beside = causes(rival.view.scores(shape_candidates([shape])))[0].log_odds
     more = likelier(rival.view, rival.unknowns, view, unknowns_of_terms(shape))
-    log.info("%s: log odds %.1f over the best effect, %.1f beside it", shape[0].group, more, beside)
+    log.info("%s: log odds %.1f over the best effect, %.1f in addition to it", shape[0].group, more, beside)
     return beside > 0.0 and more > SEPARATED_LOG_ODDS
 
 
 def without_needless(
     view: V, verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold, searching: bool = False
 ) -> tuple[V, tuple[str, ...], SparseFormula | None]:
-    """The fit without effects and terms that are no longer likelier than chance beside the others, the least first.
+    """Drop effects and terms that, given the others, are no longer likelier than chance, the least likely first.
 
-    When `searching`, one stays if it is likelier than that shots begin elsewhere; the only one as well, if most shots
-    are followed to the noise without it, so that it rests on a few.
+    With `searching`, a cause stays only if it is likelier than other initial states of shots; a single cause is tested
+    like this only if most shots are followed to the noise without it, so that it rests on a few.
     """
     while (count := len(verdict) + (0 if formula is None else len(formula.groups))) > (0 if searching else 1):
         parts: list[tuple[str | Shape, list[Unknown]]] = []
@@ -245,10 +246,10 @@ def without_needless(
 
 
 def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFormula]:
-    """The fit with another shape in place of each for which one is likelier, clearly if it has more terms.
+    """Replace shapes by likelier ones; clearly likelier ones if they have more terms.
 
-    A shape is chosen first where much is missing, and a curve may then fit what is a line; what it misses would look
-    like one cause more.
+    A shape is chosen while much is missing, when a curve may fit what is really a line; the difference would look like
+    a further cause.
     """
     for name in [group[0].group for group in formula.groups]:
         group = next(one for one in formula.groups if one[0].group == name)
@@ -263,7 +264,7 @@ def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFor
 
 @dataclass(frozen=True)
 class Found(Generic[V]):
-    """What was found so far."""
+    """The state of a search."""
 
     view: V
     verdict: tuple[str, ...] = ()  # effects
@@ -272,18 +273,18 @@ class Found(Generic[V]):
 
 
 def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Found[V], Screening]]:
-    """What a fit lacks, after each round in which a cause was looked for; the last found none that stays.
+    """Search for what a fit lacks; yields the state after each round, the last of which adds nothing.
 
-    What an earlier search found, in windows, say, is dropped as well where it is not sure in these shots. Where nothing
-    more is likely, shots that miss are searched for where they began, and only what stays sure then is kept: what looks
-    like a cause may be a shot that is said to begin elsewhere.
+    Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. When
+    nothing more is likely, initial states of poorly followed shots are searched again, and only causes that are still
+    accepted are kept: a wrong initial state may look like a cause.
     """
     been, searched = [_what(found)], list[tuple[frozenset[str], frozenset[str]]]()
     while True:
         seen = next_cause(found.view, found.formula, error_rate)
         verdict = (*found.verdict, seen.name) if seen.name else found.verdict
         now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
-        if _what(now) in been:  # nothing was added, or what was dropped
+        if _what(now) in been:  # nothing was added, or a dropped cause was added again
             if _what(found) in searched:
                 yield found, seen.screening
                 return
@@ -303,7 +304,7 @@ def _needed(
     view: V, found: Found[V], verdict: tuple[str, ...], formula: SparseFormula | None, threshold: Threshold,
     searching: bool = False,
 ) -> Found[V]:  # fmt: skip
-    """What was found, with another fit, without effects and terms that it does not need, in their likeliest shapes."""
+    """The state with another fit, without redundant effects and terms, and with the likeliest shapes."""
     now, kept, formula = without_needless(view, verdict, formula, threshold, searching)
     if formula is not None:
         now, formula = with_likeliest_shapes(now, formula)

@@ -1,6 +1,6 @@
-"""Which shape a function has: all that it may have, scored beside a fit.
+"""Choice of the shape of an unknown function, by scores of all possible shapes.
 
-In: families of shapes (terms.py), and scores. Out: the likeliest of each, and where its steps lie.
+In: families of shapes (terms.py), and scores. Out: the likeliest of each family, with the places of its steps.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
 from sysid.selection.terms import Shape, around, effect_from_terms
 
-PLACED = 0.1  # log odds by which another place is likelier, beyond rounding
+MIN_PLACE_LOG_ODDS = 0.1  # least gain of log odds by another place, beyond rounding
 
 
 def likeliest(
     families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
 ) -> list[tuple[Shape, Cause]]:
-    """The likeliest place or scale of each family of shapes, and it as a cause; the likeliest family first."""
+    """The likeliest place or scale of each family of shapes, as shape and cause; the likeliest family first."""
     terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
     scores = score(shape_candidates([(term,) for term in terms]))
     usual, name_of = usual_values(scores), {term: f"shape{k}" for k, term in enumerate(terms)}
@@ -40,17 +40,18 @@ def likeliest(
 def at_likeliest_places(
     shape: Shape, cause: Cause, score: Callable[[Sequence[Candidate]], Scores]
 ) -> tuple[Shape, Cause]:
-    """The shape where its steps and bends are likeliest, between those that were tried; as it is where none is."""
+    """The shape with its steps and bends refined to the likeliest places; unchanged if none is likelier."""
     every = around(shape)
     if len(every) < 2:
         return shape, cause
     found = dict(likeliest([[one] for one in dict.fromkeys([shape, *every])], score))
     best = max(found, key=lambda one: found[one].log_odds)
-    return (best, found[best]) if found[best].log_odds > found[shape].log_odds + PLACED else (shape, found[shape])
+    gain = found[best].log_odds - found[shape].log_odds
+    return (best, found[best]) if gain > MIN_PLACE_LOG_ODDS else (shape, found[shape])
 
 
 def without_terms(every: Sequence[Shape], have: Collection[str]) -> list[Shape]:
-    """Shapes that have no term of these names."""
+    """Shapes without terms of these names."""
     return [shape for shape in every if not any(term.name in have for term in shape)]
 
 
@@ -63,5 +64,5 @@ def shape_candidates(every: Sequence[Shape]) -> list[Candidate]:
 
 
 def shape_of(name: str, every: Sequence[Shape]) -> Shape:
-    """The shape that a candidate has."""
+    """The shape of a candidate."""
     return every[int(name.removeprefix("shape"))]

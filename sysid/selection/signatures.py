@@ -1,6 +1,6 @@
-"""How an effect that a model lacks would change the residuals: by its derivative, or at a size of its own.
+"""Signatures of candidates: the change of residuals by a missing effect, as a derivative or at a given size.
 
-In: a converged fit (`Point`) and candidates. Out: `Signature`s. Each costs a batch of simulations or two.
+In: a converged fit (`Point`) and candidates. Out: `Signature`s, each from one or two batches of simulations.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 
-PROBE_CHANGE_SD = 0.5  # change of the residuals that a probe aims at, median over shots
-FIRST_PROBE_OF_RANGE = 1e-3  # of the bounds' width
-PROBE_LIMITS_OF_RANGE = (1e-7, 0.4)  # smallest and largest probe, of the bounds' width
-PROBE_PASSES = 4  # at most, to find a probe of the wanted change
-LARGER_SIZE = 3.0  # times the usual one, of an effect that vanishes at a bound
-MAX_CHANGE_SD = 30.0  # a residual that changes more met another ball: no derivative
+PROBE_CHANGE_SD = 0.5  # target change of the residuals by a probe, median over shots
+FIRST_PROBE_OF_RANGE = 1e-3  # first probe, over the bounds' width
+PROBE_LIMITS_OF_RANGE = (1e-7, 0.4)  # smallest and largest probe, over the bounds' width
+PROBE_PASSES = 4  # most iterations to find a probe with the target change
+LARGER_SIZE = 3.0  # larger size tested for effects that vanish at a bound, over the usual one
+MAX_CHANGE_SD = 30.0  # a residual that changes more is due to another impact, not a derivative
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that may be missing, and the parameters by which it is switched on."""
+    """A possibly missing effect, and the parameters that switch it on."""
 
     effect: Effect  # at usual values; parameters without an off value keep them
     keys: tuple[str, ...]
-    size: float | None = None  # over the usual one, at which its signature is taken; None for its derivative
+    size: float | None = None  # size of the signature, over the usual one; None for the derivative
 
     @property
     def name(self) -> str:
@@ -53,7 +53,7 @@ class Candidate:
 
     @property
     def one_sided(self) -> bool:
-        """Whether it vanishes at a bound of one of its parameters."""
+        """Whether the effect vanishes at a bound of one of its parameters."""
         return bool(np.isclose(self.off()[:, None], self.bounds()).any())
 
     def usual(self) -> Array:
@@ -62,7 +62,7 @@ class Candidate:
 
 
 def candidate(effect: type[Effect] | Effect) -> Candidate:
-    """A candidate from an effect's class: every parameter that has an off value switches it on."""
+    """A candidate from an effect's class: every parameter with an off value switches it on."""
     one = effect if isinstance(effect, Effect) else effect()
     return Candidate(one, tuple(k for k, m in one.parameters().items() if m["off"] is not None))
 
@@ -75,7 +75,7 @@ def with_candidate(problem: ShotProblem, one: Candidate, names: Sequence[str] | 
 
 @dataclass(frozen=True)
 class Signature:
-    """How a candidate changes the residuals, for one probe of each parameter."""
+    """The change of the residuals by a candidate, for one probe of each parameter."""
 
     candidate: Candidate
     probe: Array  # (k,) change of each parameter from its off value
@@ -92,10 +92,10 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
     """The signature of a candidate by finite differences.
 
     Args:
-        point: where the fit has converged.
+        point: the converged fit.
         base: (n, m) its residuals.
         one: the candidate.
-        quick: take one-sided differences and fewer passes for the probes.
+        quick: use one-sided differences and fewer passes for the probes.
     """
     problem = with_candidate(point.problem, one)
     off, bounds, k = one.off(), one.bounds(), len(one.keys)
@@ -133,7 +133,7 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
         if not again:
             break
         todo = np.array(again)
-    # Central differences, where both sides are within the bounds, cancel even terms and the integrator's step error.
+    # Central differences cancel even terms and the integrator's step error, if both sides are within the bounds.
     two = np.flatnonzero(both > probe)
     if two.size and not quick:
         for number, part in changes(two, -sign * probe).items():
@@ -143,17 +143,17 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
 
 
 def _size(change: Array, used: Array) -> float:
-    """Size of a change of residuals (n, m), of which (n,) are used: the median over shots of its rms."""
+    """Size of a change of residuals (n, m) in the used shots (n,): the median over shots of its rms."""
     squares = np.minimum(change**2, MAX_CHANGE_SD**2).sum(axis=1)
     median, mean = float(np.median(np.sqrt(squares / used))), float(np.sqrt(squares.sum() / used.sum()))
     return max(median, 0.5 * mean)  # an effect in few shots stays in its linear range
 
 
 def at_sizes(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates by their derivatives, and at their usual sizes; those that vanish at a bound at larger ones as well.
+    """Candidates as derivatives and at their usual sizes; also at a larger size if they vanish at a bound.
 
-    Sizes show what derivatives do not: an effect that grows with the square of its parameter, or one for whose lack the
-    constants of a fit are bent.
+    Sizes reveal what derivatives cannot: an effect that grows with the square of its parameter, or one whose absence
+    has biased the constants of a fit.
     """
     larger = [one for one in candidates if one.one_sided]
     sizes = ((candidates, None), (candidates, 1.0), (larger, LARGER_SIZE))
@@ -161,7 +161,7 @@ def at_sizes(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def secant(point: Point, base: Array, one: Candidate, size: float) -> Signature:
-    """How a candidate changes the residuals at so many times its usual size, a parameter at a time."""
+    """The signature of a candidate at a multiple of its usual size, one parameter at a time."""
     move = np.clip(one.off() + size * one.usual(), *one.bounds().T) - one.off()
     problem, n = with_candidate(point.problem, one), len(point.initial_states)
     columns = np.zeros((len(move), *base.shape))
@@ -194,10 +194,10 @@ def acts_at_strike_only(effect: Effect) -> bool:
 
 
 def signature_of(point: Point, base: Array, jx: Array, one: Candidate, quick: bool) -> Signature:
-    """The signature of a candidate in the way that suits it.
+    """The signature of a candidate by the suitable method.
 
     Args:
-        point: where the fit has converged.
+        point: the converged fit.
         base: (n, m) its residuals.
         jx: (n, m, p) their derivatives by initial states.
         one: the candidate.

@@ -1,11 +1,11 @@
-"""How often a verdict returns on other draws of the same clips.
+"""Reproducibility of a verdict under resampling of the clips.
 
 In: a fit with its named effects, and the quadratic losses of its shots (`Linearised`). Out: `Stability`.
 
-Clips are drawn with replacement, as many as there are, and effects are selected anew for every draw by the rule by
-which they were found (judgement.py): beginning without any, the likeliest that passes is added, and one that no longer
-passes is dropped (the bootstrap: B. Efron, Annals of Statistics 7, 1979). Fits would take hours. The losses, quadratic
-about the last fit, need seconds; far from that fit they are rough. What held-out clips have refuted is no candidate.
+Clips are drawn with replacement, as many as there are, and effects are selected for every draw by the same rule as in
+the search (judgement.py): starting without any, the likeliest that passes is added, and one that no longer passes is
+dropped (the bootstrap: B. Efron, Annals of Statistics 7, 1979). Fits would take hours. Losses that are quadratic about
+the last fit need seconds, and are approximate far from it. Effects refuted by held-out clips are not candidates.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from sysid.selection.score import Linearised, add_known
 from sysid.selection.signatures import candidate
 from sysid.selection.view import projected_on
 
-DRAWS, SEED = 100, 0
-LEAST_SHARE = 1e-9  # added to the diagonal, where nothing tells of an unknown
+DEFAULT_DRAWS, SEED = 100, 0
+LEAST_SHARE = 1e-9  # added to the diagonal, so that undetermined unknowns stay regular
 
 
 @dataclass(frozen=True)
 class Stability:
-    """In how many draws of the clips effects are selected."""
+    """The numbers of draws in which effects are selected."""
 
     draws: int
-    same: int  # those with exactly the verdict
-    times: dict[str, int]  # each effect that was selected at all or is in the verdict, the most frequent first
+    same: int  # draws with exactly the verdict
+    times: dict[str, int]  # draws with each effect that was ever selected or is in the verdict, the most frequent first
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,10 @@ class _Block:
 
     name: str
     columns: Index
-    absent: Array  # change of the unknowns at which it vanishes
+    absent: Array  # change of the unknowns at which the effect vanishes
     low: Array  # bounds of these changes
     high: Array
-    known: tuple[Unknown, ...]  # what is known of them beforehand; middles count from where it vanishes
+    known: tuple[Unknown, ...]  # their priors; middles are relative to where the effect vanishes
 
     @cached_property
     def covariances(self) -> Array:
@@ -57,24 +57,24 @@ class _Block:
 
     @property
     def sized(self) -> Index:
-        """Those whose size counts; a place is shared by all shots in any case."""
+        """The unknowns with a size; all shots share a place in any case."""
         return np.flatnonzero([one.sized for one in self.known])
 
 
 @dataclass(frozen=True)
 class _Draw:
-    """Losses of drawn shots, quadratic in all unknowns, and what speaks for an effect there."""
+    """Quadratic losses of drawn shots, and the evidence for effects from them."""
 
-    information: Array  # (n, u, u) of each shot, as often as it was drawn
+    information: Array  # (n, u, u) of each shot, repeated as often as it was drawn
     gradients: Array  # (n, u)
-    matrix: Array  # (u, u) of all, and of what is known beside them
+    matrix: Array  # (u, u) of all, including priors
     gradient: Array  # (u,)
     constants: Index  # unknowns that are always free
     blocks: tuple[_Block, ...]
     threshold: Threshold
 
     def best(self, chosen: frozenset[int]) -> Array:
-        """Change of the unknowns (u,) at which the loss with some of the effects is least."""
+        """Change of the unknowns (u,) that minimises the loss with some of the effects."""
         change = np.zeros(len(self.gradient))
         for block in self.blocks:
             change[block.columns] = block.absent
@@ -93,7 +93,7 @@ class _Draw:
         return change
 
     def odds(self, without: frozenset[int], numbers: Sequence[int]) -> dict[int, float]:
-        """Log odds of effects of these numbers beside some."""
+        """Log odds of the effects with these indices, given some others."""
         change = self.best(without)
         pull = self.gradient + self.matrix @ change
         free = self._free(without)
@@ -103,7 +103,7 @@ class _Draw:
         lift = np.linalg.solve(scaled, self.matrix[free] / scale[:, None]) / scale[:, None]
         projected = pull - lift.T @ pull[free]
         found: dict[int, float] = {}
-        for _, few in groupby(sorted(numbers, key=self._size_of), self._size_of):  # those of one size at once
+        for _, few in groupby(sorted(numbers, key=self._size_of), self._size_of):  # by number of unknowns
             alike = list(few)
             rows = np.array([self.blocks[k].columns for k in alike])
             information = self.matrix[rows[:, :, None], rows[:, None]]
@@ -114,27 +114,27 @@ class _Draw:
         return found
 
     def _size_of(self, k: int) -> int:
-        """How many unknowns an effect has."""
+        """The number of unknowns of an effect."""
         return len(self.blocks[k].columns)
 
     def is_shared(self, without: frozenset[int], k: int) -> bool:
-        """Whether an effect beside some is likelier than that each shot has a size of it of its own."""
+        """Whether an effect, given some others, is likelier than a separate size for each shot."""
         block = self.blocks[k]
         change = self.best(without | {k})
         at = np.concatenate([self._free(without), block.columns])
         place = len(at) - len(block.columns) + block.sized
         here = self.gradients + self.information @ change
-        told = projected_on(self.information[:, at[:, None], at], here[:, at], place)
+        projected = projected_on(self.information[:, at[:, None], at], here[:, at], place)
         away = (change[block.columns] - block.absent)[block.sized]
         known = [block.known[j] for j in block.sized]
-        return over_scatter(away, known, *told) > self.threshold.sure
+        return over_scatter(away, known, *projected) > self.threshold.sure
 
     def _free(self, chosen: frozenset[int]) -> Index:
-        """Numbers of the unknowns that are free with some of the effects."""
+        """Indices of the unknowns that are free with some of the effects."""
         return np.concatenate([self.constants, *(self.blocks[k].columns for k in sorted(chosen))])
 
     def selected(self) -> frozenset[int]:
-        """Numbers of the effects that are selected."""
+        """Indices of the selected effects."""
         chosen = frozenset[int]()
         for _ in self.blocks:
             more = self._added(chosen)
@@ -144,7 +144,7 @@ class _Draw:
         return chosen
 
     def _added(self, chosen: frozenset[int]) -> int | None:
-        """The effect to add next; None where none passes."""
+        """The effect to add next; None if none passes."""
         names = {self.blocks[k].name for k in chosen}
         found = self.odds(chosen, [k for k, block in enumerate(self.blocks) if block.name not in names])
         for k in sorted(found, key=lambda k: -found[k]):
@@ -155,11 +155,11 @@ class _Draw:
         return None
 
     def _without_needless(self, chosen: frozenset[int]) -> frozenset[int]:
-        """The effects without those that no longer pass beside the others."""
+        """The effects without those that no longer pass, given the others."""
         while len(chosen) > 1:
-            worth = {k: self.odds(chosen - {k}, [k])[k] for k in sorted(chosen)}
-            least = min(worth, key=worth.__getitem__)
-            if worth[least] > self.threshold.least and self.is_shared(chosen - {least}, least):
+            odds = {k: self.odds(chosen - {k}, [k])[k] for k in sorted(chosen)}
+            least = min(odds, key=odds.__getitem__)
+            if odds[least] > self.threshold.least and self.is_shared(chosen - {least}, least):
                 break
             chosen -= {least}
         return chosen
@@ -167,17 +167,17 @@ class _Draw:
 
 def stability_of(
     point: Point, verdict: Sequence[str], seen: Linearised, design_effect: float, error_rate: float = ERROR_RATE,
-    draws: int = DRAWS,
+    draws: int = DEFAULT_DRAWS,
 ) -> Stability:  # fmt: skip
-    """How often the effects of a verdict return.
+    """Compute how often the effects of a verdict are selected again.
 
     Args:
         point: the fit with these effects.
         verdict: their names.
         seen: the quadratic losses of its shots, with other candidates.
-        design_effect: by how much less than that the shots tell.
-        error_rate: of an effect that is selected.
-        draws: of as many clips as there are.
+        design_effect: factor by which the shots are less informative.
+        error_rate: of a selected effect.
+        draws: number of draws, each of as many clips as there are.
     """
     blocks = _blocks(point, verdict, seen)
     constants = np.array([k for k, name in enumerate(point.names) if name.split(".")[0] not in verdict])

@@ -1,14 +1,14 @@
-"""Terms of which a sparse formula is made.
+"""The library of terms for sparse formulas.
 
 In: a table, or the terms of an earlier result.json. Out: the library of terms, or an `Effect` to fit.
 
 A term is a factor on a quantity of the motion: a drag on rolling balls, a change of the sliding friction, a push, a
-lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. Of every
-variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, bends, steps and decays, and where none of
-these fits, a curve: hats that are linear between the places where they lie. Each may act at one rail alone (`only_at`).
-Of two variables at once there are a few more terms that physics suggests. Terms are data: codes and constants that
-models/formula.py plays, beside the same factor as text.
-Nothing of an earlier result is evaluated: its factors are read as numbers and variables.
+lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. For every
+variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, bends, steps and decays, and if none of
+these fits, a curve of piecewise linear hat functions. Each may act at one rail only (`only_at`). A few further terms
+that physics suggests depend on two variables. Terms are data: codes and constants for models/formula.py, and the same
+factor as text.
+Texts of an earlier result are never evaluated: factors are parsed as numbers and variables.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and a
 RAIL_NAMES = ("+x", "-x", "+y", "-y")
 
 
-Shape = tuple["Term", ...]  # terms that come together
+Shape = tuple["Term", ...]  # terms that are added together
 
 
 @dataclass(frozen=True)
@@ -38,31 +38,31 @@ class Term:
 
     name: str  # of its coefficient
     quantity: str  # "drag", "grip", "push_x", "push_y", "side", "cushion_e", ...
-    factor: str  # as Python, of the variables that the hook of the quantity has
+    factor: str  # as Python, in the variables of the quantity's hook
     unit: str
     width: float  # half of the coefficient's bounds
-    where: str  # plain words
+    where: str  # description
     depends_on: tuple[str, ...]
     place: tuple[float, float] | None = None  # centre of the cell [m]
     kind: int = kinds.ONE  # the factor's code in models.formula
     constants: tuple[float, ...] = ()
-    limits: tuple[float, float] | None = None  # of the place of a step or a bend, or the scale of a decay
-    only: tuple[str, int] | None = None  # what is counted, and for which of it alone the term acts
+    limits: tuple[float, float] | None = None  # bounds of the place of a step or a bend, or of the scale of a decay
+    only: tuple[str, int] | None = None  # a counted variable, and the only value of it at which the term acts
 
     @property
     def group(self) -> str:
-        """Name of the curve that it is a hat of, or of the first of two steps; its own otherwise."""
+        """Name of the curve to which the hat belongs, or of the first of two steps; otherwise the term's own name."""
         if self.kind == kinds.HAT:
             return self.name.rpartition("_")[0]
         return self.name.removesuffix(SECOND_STEP) + FIRST_STEP if self.name.endswith(f"_{SECOND_STEP}") else self.name
 
     @property
     def place_name(self) -> str | None:
-        """Of the parameter that says where its step or bend lies, or over what it decays."""
+        """Name of the parameter for the place of its step or bend, or for its decay scale."""
         return None if self.limits is None else f"{self.name}_{'over' if self.kind == kinds.DECAY else 'at'}"
 
     def moved(self, at: float) -> Term:
-        """The same step or bend at another place, or decay over another scale."""
+        """The term with its step or bend at another place, or with another decay scale."""
         variable = VARIABLES[int(self.constants[0])]
         if self.kind == kinds.BEND:
             term = bend(self.quantity, variable, at, self.constants[2])
@@ -72,7 +72,7 @@ class Term:
         return dataclasses.replace(term, name=self.name, limits=self.limits)
 
     def part(self, value: float, source: str) -> Part:
-        """The term as a formula holds it, its coefficient at a value."""
+        """The term for a formula, with a value of its coefficient."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
         code = 1 + kinds.TERM_HOOKS.index(self.quantity)
         place = None
@@ -99,18 +99,18 @@ QUANTITY_TEXTS = {
 QUANTITY_UNITS = {
     "drag": "m/s^2", "push_x": "m/s^2", "push_y": "m/s^2", "side": "m/s^2", "image_x": "m", "image_y": "m",
 }  # fmt: skip
-COEFFICIENT_WIDTHS = {  # half of the bounds that a term without variables has
+COEFFICIENT_WIDTHS = {  # half of the bounds' width of a term without variables
     "drag": 0.1, "grip": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3, "cushion_mu": 0.2,
     "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05,
 }  # fmt: skip
 PLACE_VARIABLES = ("x", "y")
-PLACES = {  # where each quantity acts
+PLACES_OF_ACTION = {  # the place at which each quantity acts
     "drag": "rolling on the cloth", "side": "rolling on the cloth", "grip": "sliding on the cloth",
     "push_x": "everywhere on the cloth", "push_y": "everywhere on the cloth", "cushion_e": "all cushions",
     "cushion_mu": "all cushions", "ball_e": "collisions of balls", "ball_mu": "collisions of balls",
     "image_x": "in the camera's image", "image_y": "in the camera's image",
 }  # fmt: skip
-DEPENDENCES = {  # what a variable is called
+VARIABLE_NAMES = {  # the names of variables in texts
     "x": "place", "y": "place", "along": "place", "heading": "heading", "speed": "speed", "approach": "speed",
     "slip": "slip", "wz": "spin", "time": "time", "order": "order of the clips", "number": "ball", "rail": "rail",
     "grazing": "angle", "hour": "time of day", "warmth": "temperature", "cloth_age": "age of the cloth",
@@ -120,28 +120,28 @@ VARIABLE_UNITS = {
     "x": "m", "y": "m", "along": "m", "speed": "m/s", "approach": "m/s", "slip": "m/s", "wz": "rad/s", "time": "s",
     "hour": "h", "warmth": "K", "cloth_age": "h",
 }  # fmt: skip
-USUAL_VALUES = {  # of a variable, where they are not about 1
+USUAL_VALUES = {  # usual sizes of variables that are not about 1
     "time": 5.0, "wz": 20.0, "slip": 3.0, "approach": 3.0, "hour": 5.0, "warmth": 5.0, "cloth_age": 100.0,
 }  # fmt: skip
-SIZED = ("wz", "along")  # of which the size may count alone
-COUNTED = ("rail", "number", "table", "player")  # of which there are a few, each by itself
-DRIFTING = tuple(name for name in SESSION_VARIABLES if name not in COUNTED)  # over which a dependence may change
-PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # of a game of two balls
-DECAYING = ("speed", "slip", "approach", "time", "cloth_age")  # of which a quantity may fade
-PARTS_OF_RANGE = 20  # steps and decays of a variable are first tried this close
-FINER_PARTS = 6  # of one of these parts, between which a place is looked for again
+SIZE_VARIABLES = ("wz", "along")  # variables whose absolute value may matter
+COUNTED_VARIABLES = ("rail", "number", "table", "player")  # variables with a few discrete values
+DRIFT_VARIABLES = tuple(name for name in SESSION_VARIABLES if name not in COUNTED_VARIABLES)  # of drifts
+PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # for two balls
+DECAY_VARIABLES = ("speed", "slip", "approach", "time", "cloth_age")  # variables over which a quantity may decay
+PARTS_OF_RANGE = 20  # first grid of steps and decays over a variable's range
+FINER_PARTS = 6  # refinement of that grid around a place
 PLACE_DIGITS = 4
-TOGETHER = (("rail", "along"),)  # of which a quantity may be a function of both
-FIRST_STEP, SECOND_STEP = "above", "beyond"  # in the names of steps of a variable
-CURVE_INTERVALS = (4, 8, 16)  # between the hats of a curve
-WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # of which the model has no constant of its own
+VARIABLE_PAIRS = (("rail", "along"),)  # pairs of which a quantity may be a joint function
+FIRST_STEP, SECOND_STEP = "above", "beyond"  # parts of the names of steps
+CURVE_INTERVALS = (4, 8, 16)  # numbers of intervals between the hats of a curve
+WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # quantities for which the model has no constant
 
 
 def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power: float = 1.0, where: str = "") -> Term:
-    """A term of one or two variables that its quantity sees."""
+    """A term of one or two of its quantity's variables."""
     code = factor_code(quantity, factor)
     if code is None:
-        raise ValueError(f"{factor} is no factor of {quantity}")
+        raise ValueError(f"{factor} is not a factor of {quantity}")
     units = [VARIABLE_UNITS[v] for v in variables if v in VARIABLE_UNITS] if power else []
     per, times = units[0] if units else "", power * len(units)
     if len(set(units)) > 1:
@@ -150,19 +150,19 @@ def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power
         per = f"({per})^{times:.0f}" if "/" in per else f"{per}^{times:.0f}"
     size = math.prod(USUAL_VALUES.get(v, 1.0) for v in variables) ** power
     unit = QUANTITY_UNITS.get(quantity, "1") + (f" per {per}" if per else "")
-    on = tuple(dict.fromkeys(DEPENDENCES[v] for v in variables)) or ("nothing",)
+    on = tuple(dict.fromkeys(VARIABLE_NAMES[v] for v in variables)) or ("nothing",)
     return Term(
         f"{quantity}_{name}", quantity, factor, unit, COEFFICIENT_WIDTHS[quantity] / size,
-        where or PLACES[quantity], on, None, *code,
+        where or PLACES_OF_ACTION[quantity], on, None, *code,
     )  # fmt: skip
 
 
 def straight(quantity: str, variable: str, count: int) -> list[Term]:
-    """The plainest terms of a variable: its line, first waves of a heading, or each of `count` rails or balls."""
+    """The simplest terms of a variable: a line, the first harmonics of a heading, or one for each of `count` values."""
     if variable == "heading":
         waves = {"cos": "cos(heading)", "sin": "sin(heading)", "cos2": "cos(2 * heading)", "sin2": "sin(2 * heading)"}
         return [_term(quantity, name, factor, ("heading",), 0.0) for name, factor in waves.items()]
-    if variable in COUNTED:
+    if variable in COUNTED_VARIABLES:
         return [
             _term(quantity, f"{variable}_{k}", f"{variable} == {k}", (variable,), 0.0, _which(quantity, variable, k))
             for k in range(count)
@@ -171,34 +171,34 @@ def straight(quantity: str, variable: str, count: int) -> list[Term]:
 
 
 def _which(quantity: str, variable: str, k: int) -> str:
-    """Where a quantity changes that does so at one rail, for one ball, at one table or for one player."""
+    """Description of a change at one rail, for one ball, at one table or for one player."""
     if variable == "rail":
         return f"the cushion at {RAIL_NAMES[k]}: its {'friction' if quantity.endswith('mu') else 'restitution'}"
-    which = "the struck ball" if (variable, k) == ("number", 0) else f"{DEPENDENCES[variable]} {k}"
-    return f"{PLACES[quantity]}, {which}"
+    which = "the struck ball" if (variable, k) == ("number", 0) else f"{VARIABLE_NAMES[variable]} {k}"
+    return f"{PLACES_OF_ACTION[quantity]}, {which}"
 
 
 def square(quantity: str, variable: str) -> Term:
-    """One that grows with the square of the variable."""
+    """A term that grows with the square of the variable."""
     return _term(quantity, f"{variable}_2", f"{variable}**2", (variable,), 2.0)
 
 
 def step(quantity: str, variable: str, at: float) -> Term:
-    """One beyond a value of the variable."""
+    """A step at a value of the variable."""
     at = round(at, PLACE_DIGITS) + 0.0
     where = _beyond(quantity, variable, at, 1.0)
     return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
 def _beyond(quantity: str, variable: str, at: float, side: float) -> str:
-    """Where a quantity changes that does so above a value of the variable (side 1), or below it (-1)."""
+    """Description of a change above a value of the variable (side 1), or below it (-1)."""
     sign, word = (">", "above") if side > 0 else ("<", "below")
-    beyond = f"where {variable} {sign}" if variable in PLACE_VARIABLES else f"{DEPENDENCES[variable]} {word}"
-    return f"{PLACES[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
+    beyond = f"where {variable} {sign}" if variable in PLACE_VARIABLES else f"{VARIABLE_NAMES[variable]} {word}"
+    return f"{PLACES_OF_ACTION[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
 
 
 def bend(quantity: str, variable: str, at: float, side: float) -> Term:
-    """One that grows beyond a value of the variable: above it for a side of 1, below it for -1."""
+    """A bend: a term that grows above a value of the variable (side 1), or below it (-1)."""
     at = round(at, PLACE_DIGITS) + 0.0
     name, factor = "up_from", f"max({variable} {'+' if at < 0 else '-'} {abs(at):g}, 0.0)"
     if side < 0:
@@ -207,23 +207,23 @@ def bend(quantity: str, variable: str, at: float, side: float) -> Term:
 
 
 def only_at(term: Term, counted: str, k: int) -> Term:
-    """The same at one rail, for one ball, at one table or for one player alone."""
+    """The term restricted to one rail, one ball, one table or one player."""
     name = f"{term.quantity}_{counted}_{k}{term.name.removeprefix(term.quantity)}"
-    where = _which(term.quantity, counted, k) + term.where.removeprefix(PLACES[term.quantity])
+    where = _which(term.quantity, counted, k) + term.where.removeprefix(PLACES_OF_ACTION[term.quantity])
     return dataclasses.replace(
         term, name=name, factor=f"({counted} == {k}) * ({term.factor})", where=where, only=(counted, k),
-        depends_on=tuple(dict.fromkeys((DEPENDENCES[counted], *term.depends_on))),
+        depends_on=tuple(dict.fromkeys((VARIABLE_NAMES[counted], *term.depends_on))),
     )  # fmt: skip
 
 
 def decay(quantity: str, variable: str, scale: float) -> Term:
-    """One that falls by e over a scale."""
+    """A term that decays by a factor of e over a scale."""
     scale = max(round(scale, PLACE_DIGITS), 10.0**-PLACE_DIGITS)
     return _term(quantity, f"{variable}_fade", f"exp(-{variable} / {scale:g})", (variable,), 0.0)
 
 
 def hat(quantity: str, variable: str, number: str, at: float, half: float, side: float) -> Term:
-    """One at a place, falling to 0 over `half` on either side, or staying 1 below (side 1) or above it (-1)."""
+    """A hat: 1 at a place, falling to 0 over `half` on either side, or constant below (side 1) or above it (-1)."""
     away = f"({variable} {'+' if at < 0 else '-'} {abs(at):g})"
     away = f"- abs{away}" if side == 0.0 else f"{'-' if side > 0 else '+'} {away}"
     factor = f"min(max(1.0 {away} / {half:g}, 0.0), 1.0)"
@@ -231,7 +231,7 @@ def hat(quantity: str, variable: str, number: str, at: float, half: float, side:
 
 
 def curve(quantity: str, variable: str, low: float, high: float, intervals: int) -> Shape:
-    """Hats over a range; 0 in its middle where the model has a constant of the quantity already."""
+    """A curve of hats over a range; 0 in its middle if the model already has a constant of the quantity."""
     half, middle = max(round((high - low) / intervals, PLACE_DIGITS), 10.0**-PLACE_DIGITS), (low + high) / 2
     hats = []
     for k in range(intervals + 1):
@@ -245,9 +245,9 @@ def curve(quantity: str, variable: str, low: float, high: float, intervals: int)
 def shapes(
     quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] | None = None
 ) -> list[list[Shape]]:
-    """Families of shapes of a variable over a range: of each the places or scales that it may have.
+    """Families of shapes of a variable over a range, each with its possible places or scales.
 
-    `places` are those of steps and bends; those between PARTS_OF_RANGE of the range if None.
+    `places` are those of steps and bends; by default the edges between PARTS_OF_RANGE parts of the range.
     """
     plain = straight(quantity, variable, 0)
     families: list[list[Shape]] = [[(one,)] for one in plain]
@@ -262,12 +262,12 @@ def shapes(
     for side in (1.0, -1.0):
         bends = [bend(quantity, variable, place, side) for place in places]
         families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])
-    if variable not in DRIFTING:  # a few clips between two steps would be those that depart
+    if variable not in DRIFT_VARIABLES:  # two steps would single out a few departing clips
         families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
-    if variable in DECAYING:
+    if variable in DECAY_VARIABLES:
         decays, least = [decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
-    if variable in SIZED:
+    if variable in SIZE_VARIABLES:
         families.append([(size(quantity, variable),)])
     return [*families, [curve(quantity, variable, low, high, intervals) for intervals in CURVE_INTERVALS]]
 
@@ -281,7 +281,7 @@ def shapes_at_one(
     high: float,
     places: tuple[float, ...] | None = None,
 ) -> list[list[Shape]]:
-    """The same at one rail, or for one ball, alone, of each."""
+    """The shapes restricted to each single rail or ball."""
     every = shapes(quantity, variable, low, high, places)
     return [
         [tuple(only_at(one, counted, k) for one in shape) for shape in family] for k in range(count) for family in every
@@ -289,13 +289,13 @@ def shapes_at_one(
 
 
 def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]]:
-    """The same of rails or balls: one of them, or each beside the first."""
+    """Shapes of rails or balls: a single one, or each relative to the first."""
     each = straight(quantity, variable, count)
     return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
 
 
 def around(shape: Shape) -> list[Shape]:
-    """The same shape with steps and bends at finer places, up to the next that were tried; of two at most."""
+    """The shape with its steps and bends (two at most) at finer places, up to the neighbouring grid points."""
     moving = [k for k, term in enumerate(shape) if term.limits is not None and term.kind != kinds.DECAY]
     if not 0 < len(moving) <= 2:
         return [shape]
@@ -310,17 +310,17 @@ def around(shape: Shape) -> list[Shape]:
 
 
 def product(quantity: str, variable: str, over: str) -> Term:
-    """A line of one variable that becomes steeper with another."""
+    """A line in one variable that becomes steeper with another."""
     return _term(quantity, f"{variable}_{over}", f"{variable} * {over}", (variable, over))
 
 
 def size(quantity: str, variable: str) -> Term:
-    """One that grows with the size of the variable, whatever its sign."""
+    """A term that grows with the absolute value of the variable."""
     return _term(quantity, f"{variable}_size", f"abs({variable})", (variable,))
 
 
 def _cells(table: Table) -> list[Term]:
-    """A drag in every cell of the cloth."""
+    """Terms of a drag in every cell of the cloth."""
     nx, ny = CLOTH_CELLS
     dx, dy = table.length / nx, table.width / ny
     return [
@@ -330,20 +330,20 @@ def _cells(table: Table) -> list[Term]:
 
 
 def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Collection[str] = ()) -> list[Term]:
-    """Terms that are scored first; `shapes` has more of one variable.
+    """The terms that are scored first; `shapes` has more of one variable.
 
     Args:
-        table: where they act.
-        counts: of rails, balls, tables and players; see `COUNTED`.
-        without: variables of which the clips say nothing.
+        table: on which they act.
+        counts: of rails, balls, tables and players; see `COUNTED_VARIABLES`.
+        without: variables that the clips do not determine.
     """
     found = _cells(table)
     for quantity, variables in SEEN_BY.items():
         for variable in variables:
             if variable not in without:
                 found += straight(quantity, variable, counts.get(variable, 0))
-        lines = [name for name in variables if name not in (*COUNTED, *SESSION_VARIABLES, "heading")]
-        found += [product(quantity, name, over) for name in lines for over in DRIFTING if over not in without]
+        lines = [name for name in variables if name not in (*COUNTED_VARIABLES, *SESSION_VARIABLES, "heading")]
+        found += [product(quantity, name, over) for name in lines for over in DRIFT_VARIABLES if over not in without]
     for axis in "xy":
         found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
     found.append(_term("side", "one", "1.0", ()))
@@ -363,7 +363,7 @@ def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Col
 
 
 def cell(name: str, sizes: Sequence[float]) -> Term:
-    """A drag on a rectangle of the cloth: x, half of its length, y, half of its width, rounded as its text has them."""
+    """A drag on a rectangle of the cloth: centre x, half length, centre y, half width, rounded as in its text."""
     x, half_x, y, half_y = rounded = tuple(round(v, 4) for v in sizes)
     tests = [
         f"abs({axis} {'+' if at < 0 else '-'} {abs(at):.4f}) <= {half:.4f}"
@@ -377,6 +377,6 @@ def cell(name: str, sizes: Sequence[float]) -> Term:
 
 
 def effect_from_terms(name: str, terms: Sequence[Term], values: Sequence[float]) -> Effect:
-    """The effect of a formula, at these coefficients; its hooks are compiled already."""
+    """The effect of a formula with these coefficients; its hooks are already compiled."""
     parts = tuple(t.part(float(v), "a diagnosis") for t, v in zip(terms, values, strict=True))
     return formula(name, parts)()

@@ -1,6 +1,6 @@
-"""Terms of a formula, read again from an earlier result.
+"""Terms of a formula, read from an earlier result.
 
-In: entries of result.json. Out: terms as the library has them (terms.py); nothing of their text is evaluated.
+In: entries of result.json. Out: terms of the library (terms.py); texts are never evaluated.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from sysid.selection.factors import (
 from sysid.selection.terms import (
     RAIL_NAMES,
     SECOND_STEP,
-    SIZED,
+    SIZE_VARIABLES,
     Term,
     bend,
     cell,
@@ -41,7 +41,7 @@ from sysid.selection.terms import (
     step,
 )
 
-MAX_BALLS = 100  # for which terms of an earlier result are looked up
+MAX_BALLS = 100  # largest number of balls for which terms are looked up
 MAX_COEFFICIENT_WIDTHS = 100.0  # largest coefficient of an earlier result, over the term's width
 RESULT_REMEDY = "name a result.json as sysid discover of this version writes it"
 CURVE_NAME = re.compile(r"[a-z_0-9]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
@@ -49,16 +49,16 @@ CURVE_NAME = re.compile(r"[a-z_0-9]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
 
 @cache
 def _known_terms() -> dict[tuple[str, str], Term]:
-    """Of the library, by name and quantity; cells of the cloth stand for those of any table."""
+    """The library's terms, by name and quantity; cells of the cloth stand for those of any table."""
     counts = {"rail": len(RAIL_NAMES), "number": MAX_BALLS, "table": MAX_NUMBERED + 1, "player": MAX_NUMBERED + 1}
     return {(t.name, t.quantity): t for t in library(Table(1.0, 1.0), counts)}
 
 
 def term_from_json(entry: Any) -> tuple[Term, float]:
-    """A term of result.json, as the library has it, and its coefficient.
+    """The library's term for an entry of result.json, and its coefficient.
 
     Raises:
-        BadInput: for what is no term of the library; nothing of its text is evaluated.
+        BadInput: if it is not a term of the library; its text is never evaluated.
     """
     fields = entry if isinstance(entry, dict) else {}
     name, quantity, factor, value = (fields.get(key) for key in ("name", "door", "factor", "value"))
@@ -81,7 +81,7 @@ def term_from_json(entry: Any) -> tuple[Term, float]:
 
 
 def _number(value: object) -> float:
-    """A number of a JSON file; nan for anything else, or what is too large for one."""
+    """A number of a JSON file; nan for anything else, or for one that is too large."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
     try:
@@ -91,7 +91,7 @@ def _number(value: object) -> float:
 
 
 def _read(name: str, quantity: str, factor: str) -> Term | None:
-    """A term of `shapes` from its factor as text; None for any other text."""
+    """The term of `shapes` with this factor as text; None for any other text."""
     code = factor_code(quantity, factor)
     if code is None or quantity not in SEEN_BY:
         return None
@@ -113,4 +113,4 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
         return hat(quantity, found[3], f"{number[1]}_{number[2]}", at, half, side)
     if (found := POWER_PATTERN.fullmatch(factor)) and found[2]:
         return square(quantity, found[1])
-    return next((size(quantity, v) for v in SIZED if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)
+    return next((size(quantity, v) for v in SIZE_VARIABLES if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)

@@ -1,10 +1,10 @@
-"""A fit beside which causes are looked for: of windows of one impact each (by_windows.py), or of whole shots.
+"""The interface of a fit for the search of causes, on windows (by_windows.py) or on whole shots.
 
-In: a fit. Out: a `FitView` of it: candidates scored beside it, fits with one more or one less, and by how much one fit
-is likelier than another in the shots that were fitted and in those held out.
+In: a fit. Out: its `FitView`: scores of candidates, fits with one cause more or less, and gains of log likelihood of
+one fit over another, in fitted and in held-out shots.
 
-Shots tell less than as many independent residuals where they scatter about a fit by more than their information says:
-by its design effect. So a single shot that departs from all others cannot speak for a cause alone.
+Shots are less informative than as many independent residuals if they scatter about a fit by more than their information
+implies: by the design effect. So a single shot that departs from all others cannot support a cause alone.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from sysid.selection.signatures import Candidate
 
 
 class FitView(ABC):
-    """A fit, as causes are looked for beside it."""
+    """A fit, with the operations that the search needs."""
 
     @property
     @abstractmethod
     def point(self) -> Point:
-        """Its problem and its constants."""
+        """The problem and constants of the fit."""
 
     @property
     @abstractmethod
     def fitted(self) -> FittedModel:
-        """As a fit of whole shots."""
+        """The result as a fit of whole shots."""
 
     @property
     @abstractmethod
     def windows(self) -> int:
-        """Of one impact each; 0 for whole shots."""
+        """Number of windows of one impact each; 0 for whole shots."""
 
     @property
     @abstractmethod
@@ -49,20 +49,20 @@ class FitView(ABC):
     @property
     @abstractmethod
     def design_effect(self) -> float:
-        """By how much less its shots tell than as many independent residuals: 1 at least."""
+        """Factor by which shots are less informative than as many independent residuals; at least 1."""
 
     @property
     @abstractmethod
     def shots(self) -> tuple[Array, Array]:
-        """Information (n, q, q) and gradient (n, q) of each on the constants, states eliminated."""
+        """Information (n, q, q) and gradient (n, q) of each shot about the constants, with states eliminated."""
 
     @abstractmethod
     def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
-        """Its shots' losses with candidates beside it, or those of all shots together."""
+        """Quadratic losses of the shots with candidates, or of all shots together."""
 
     @abstractmethod
     def with_effect(self, score: Score) -> Self:
-        """The fit with an effect more, or with another formula in place of its own."""
+        """The fit with an additional effect, or with another formula instead of its own."""
 
     @abstractmethod
     def without(self, name: str) -> Self:
@@ -70,40 +70,40 @@ class FitView(ABC):
 
     @abstractmethod
     def stripped(self, name: str) -> Self:
-        """The same without an effect, its other constants as they are."""
+        """The fit without an effect, other constants unchanged."""
 
     @abstractmethod
     def beside(self, other: Self) -> Self:
-        """The fit from where another one has led, and at its errors of the model, so that both can be compared."""
+        """The fit started from another one's states and errors of the model, so that both can be compared."""
 
     @abstractmethod
     def renewed(self) -> Self:
-        """The fit at the most likely errors of the model beside all that it has."""
+        """The fit at the most likely errors of its model."""
 
     @abstractmethod
     def searched(self) -> Self:
-        """The fit with its shots searched for where they began; the same one where that finds nothing likelier."""
+        """The fit with initial states searched again; unchanged if that finds nothing likelier."""
 
     @abstractmethod
     def continued(self) -> Self:
-        """The fit after as many steps more as one with a candidate gets."""
+        """The fit after as many further steps as a fit with a candidate takes."""
 
     @abstractmethod
     def gain(self, more: Self) -> float:
-        """By how much another fit of the same shots is likelier, in log likelihood of independent residuals."""
+        """Gain of another fit of the same shots, in log likelihood of independent residuals."""
 
     @abstractmethod
     def held_gain(self, more: Self) -> float:
-        """The same of the shots held out; 0 without any."""
+        """The gain in held-out shots; 0 without any."""
 
     def scores(self, candidates: Sequence[Candidate]) -> Scores:
-        """Of candidates beside it."""
+        """Scores of candidates for the fit."""
         return scores_of(self.point, self.linearised(candidates, together=True), self.design_effect)
 
     def scores_without(self, parameters: Collection[str], candidates: Sequence[Candidate]) -> Scores:
-        """Of candidates beside the fit without what some parameters do, by the losses that its shots have with that.
+        """Scores of candidates for the fit with some parameters removed, using the losses of the fit that has them.
 
-        These are quadratic about a fit that follows the shots, where those of a fit that misses them are rough.
+        Losses are quadratic about a fit that follows the shots, but rough about one that misses them.
         """
         point, gone = self.point, np.array([name in parameters for name in self.names])
         metas = [self.model.meta(name) for name in np.array(self.names)[gone]]
@@ -128,19 +128,19 @@ class FitView(ABC):
 
     @property
     def leaves_noise(self) -> bool:
-        """Whether its shots scatter about it as noise alone does."""
+        """Whether shots scatter about the fit by noise alone."""
         return self.design_effect == 1.0
 
     def told_of(self, rows: Index) -> tuple[Array, Array]:
-        """Information (n, k, k) and gradient (n, k) of each shot on some constants, at the design effect of all."""
+        """Information (n, k, k) and gradient (n, k) of each shot about some constants, reduced by the design effect."""
         information, gradient = projected_on(*self.shots, rows)
         return information / self.design_effect, gradient / self.design_effect
 
 
 def projected_on(information: Array, gradient: Array, rows: Index) -> tuple[Array, Array]:
-    """Losses of shots, quadratic in some unknowns, as those of a few of them alone: (n, k, k) and (n, k).
+    """Quadratic losses of shots, reduced to a few of the unknowns: (n, k, k) and (n, k).
 
-    The others follow as all shots together have it. Information is (n, u, u), the gradient (n, u).
+    The other unknowns follow by the response of all shots together. Information is (n, u, u), the gradient (n, u).
     """
     total = information.sum(axis=0)
     rest = np.setdiff1d(np.arange(len(total)), rows)

@@ -1,7 +1,7 @@
 """Shots of the analytic models as a clip set, with the native MJCF as a model to fit to them.
 
 In: a folder. Out: a clip set in it, and native.toml. `sysid compare` and `fit` then show where MuJoCo's native contact
-differs from the analytic models, and which effects make up for it, as they would on a real table.
+differs from the analytic models, and which effects compensate for it, as they would on a real table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from models.shot import Shot
 from sysid.clips import Clip, ClipSet, Observation, write_clip_set
 from sysid.validation.shots import ANALYTIC_MODEL, MATHAVAN_TABLE, SNOOKER_BALL
 
-POSITION_NOISE_M, ANGLE_NOISE_RAD = 2e-4, 0.02  # of the camera, and of the mark on the white ball
+POSITION_NOISE_M, ANGLE_NOISE_RAD = 2e-4, 0.02  # noise of positions, and of the white ball's mark
 CAMERA_FPS = 120.0
 SHOT_KINDS = ("open", "ball", "cushion")
 RANDOM_SEED = 11
@@ -63,6 +63,6 @@ def write_clips(folder: Path | str, count: int = 30) -> None:
     write_clip_set(ClipSet(MATHAVAN_TABLE, SNOOKER_BALL, CAMERA_FPS, tuple(clips), POSITION_NOISE_M), folder)
     try:
         write_model(Model(MATHAVAN_TABLE, SNOOKER_BALL), Path(folder) / "native.toml")
-    except BaseException:  # all or nothing: the same command goes on once there is room
+    except BaseException:  # all or nothing, so that the same command works once there is room
         shutil.rmtree(folder)
         raise

@@ -2,10 +2,10 @@
 
 In: counts of states and shots. Out: `MatchResult`s, each an error with its tolerance.
 
-Two models with the same constants are moved by `mj_step`: the native MJCF, as well tuned as its terms allow
+Two models with the same constants are moved by `mj_step`: the native MJCF, tuned as well as its terms allow
 (models/mjcf/native.py), and MJCF with effects (models/mujoco). Each plays the same shots as the analytic models, in
-closed form (models/analytic) and from event to event (models/engine), which share the formulas of effects with it, but
-neither steps nor contacts. At last every effect of the catalogue at its usual size.
+closed form (models/analytic) and from event to event (models/engine), which share the formulas of effects, but neither
+time steps nor contacts. Finally every effect of the catalogue is tested at its usual size.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from sysid.validation.shots import (
     two_ball_shots,
 )
 
-SETTLING_TIME_S = {"native": 3e-3, "effects": 6e-4, "analytic": 1e-5}  # from the touch until the contact is over
+SETTLING_TIME_S = {"native": 3e-3, "effects": 6e-4, "analytic": 1e-5}  # time from the touch until the contact is over
 OPEN_TOLERANCE_MM, IMPACT_TOLERANCES = 1.0, {"ball": (0.1, 0.4), "cushion": (0.2, 0.6)}  # median and worst [%]
 SOME_EFFECTS = ("table_tilt", "cushion_restitution_speed", "ball_friction_speed")
 
@@ -62,7 +62,7 @@ class MatchResult:
 
     @property
     def ok(self) -> bool:
-        """Whether the error is within its tolerance; True where there is none."""
+        """Whether the error is within its tolerance; True without one."""
         return self.tolerance is None or self.error <= self.tolerance
 
 
@@ -74,7 +74,7 @@ class ModelUnderTest:
     model: Model
 
     def __call__(self, table: Table, shots: Sequence[Shot]) -> list[Track]:
-        """The tracks of shots."""
+        """Play shots; returns their tracks."""
         return simulate(dataclasses.replace(self.model, table=table), shots)
 
 
@@ -84,13 +84,13 @@ def in_mujoco(model: Model) -> Model:
 
 
 def models_under_test() -> tuple[ModelUnderTest, ModelUnderTest]:
-    """Native MJCF, and MJCF with effects."""
+    """The tested models: native MJCF, and MJCF with effects."""
     native, effects = Model(MATHAVAN_TABLE, SNOOKER_BALL), ANALYTIC_MODEL
     return ModelUnderTest("native", in_mujoco(native)), ModelUnderTest("effects", in_mujoco(effects))
 
 
 def motion(tested: ModelUnderTest, count: int = 500) -> list[MatchResult]:
-    """Open cloth, 3 s, random speeds and spins: errors of position and of sidespin along the path."""
+    """Errors of position and sidespin on open cloth over 3 s, with random speeds and spins."""
     velocity, spin = random_states(count)
     times = np.linspace(0, 3, 61)
     still = np.zeros((1, 2))
@@ -114,7 +114,7 @@ def motion(tested: ModelUnderTest, count: int = 500) -> list[MatchResult]:
 
 
 def impacts(tested: ModelUnderTest, kind: str, count: int = 500) -> list[MatchResult]:
-    """Errors of velocity and R omega after an impact, over the speed before it, against the impulse models."""
+    """Errors of velocity and R omega after an impact against the impulse models, over the speed before it."""
     after = SETTLING_TIME_S[tested.name]
     found = []
     label = {"ball": "ball-ball", "cushion": "cushion"}[kind]
@@ -140,9 +140,9 @@ def _apart(one: Sequence[Array], other: Sequence[Array]) -> Array:
 
 
 def whole_shots(tested: ModelUnderTest, count: int = 200, moved: float = 1e-6) -> list[MatchResult]:
-    """Error of the positions of all balls at the time at which the struck ball of the analytic model stops.
+    """Errors of the positions of all balls when the struck ball of the analytic model stops.
 
-    The analytic figure is the sensitivity: the same of the analytic model with every ball displaced by a micrometre.
+    The analytic figure is the sensitivity: the error of the analytic model with every ball displaced by a micrometre.
     """
     shots, tracks = random_shots(count)
     rng = np.random.default_rng(RANDOM_SEED)
@@ -172,7 +172,7 @@ def whole_shots(tested: ModelUnderTest, count: int = 200, moved: float = 1e-6) -
 
 
 def roughness(tested: ModelUnderTest, count: int = 200) -> list[MatchResult]:
-    """Largest second difference of end points over a sweep of sliding friction 0.2 % wide: a ball, then cushions."""
+    """Largest second difference of end points over a 0.2 % sweep of sliding friction: with a ball, with cushions."""
     direction = np.array([np.cos(0.42), np.sin(0.42)])
     velocity, spin = np.array([1.8 * direction, [0, 0]]), np.array([[5.0, 20.0, 25.0], [0, 0, 0]])
     places = np.array([[-0.6, -0.3], [-0.6, -0.3] + 0.5 * direction + 0.02 * np.array([-direction[1], direction[0]])])
@@ -185,9 +185,9 @@ def roughness(tested: ModelUnderTest, count: int = 200) -> list[MatchResult]:
 
 
 def more_shots(what: str, count: int = 200) -> list[MatchResult]:
-    """Whole shots of the full table with "effects" or with "jaws", in MuJoCo against the event engine.
+    """Compare whole shots on the full table, with "effects" or with "jaws", between MuJoCo and the event engine.
 
-    With jaws, shots into the mouths of pockets: those of another fate are counted, the others compared.
+    With jaws, shots go into the mouths of pockets: those with another outcome are counted, the others compared.
     """
     model, jaws = full_model(SNOOKER_TABLE if what == "jaws" else FULL_TABLE, SNOOKER_BALL), what == "jaws"
     for name in SOME_EFFECTS if what == "effects" else ():
@@ -206,18 +206,18 @@ def more_shots(what: str, count: int = 200) -> list[MatchResult]:
     case = f"whole shots with {'jaws' if jaws else 'three effects'}, {count}, up to 4 impacts"
     found = [MatchResult(f"{case}: median", "effects", float(np.median(away)), "mm", 5.0 if jaws else 3.0)]
     if jaws:
-        found.append(MatchResult(f"{case}: of another fate", "effects", 100 * other / count, "%"))
+        found.append(MatchResult(f"{case}: with another outcome", "effects", 100 * other / count, "%"))
     return found
 
 
 def energy(count: int = 2000) -> list[MatchResult]:
-    """By how much the energy of random shots ever rises, over that of the start, between samples 20 ms apart."""
+    """Largest rise of energy in random shots between samples 20 ms apart, over the initial energy."""
     model, rises = in_mujoco(full_model(FULL_TABLE, SNOOKER_BALL)), np.zeros(count)
     shots = [dataclasses.replace(s, times=np.linspace(0, 3, 151)) for s in two_ball_shots(count)]
     for k, track in enumerate(simulate(model, shots)):
         spin = 0.4 * SNOOKER_BALL.radius**2 * np.sum(track.spin**2, axis=-1)
         kinetic = np.sum(np.sum(track.velocity**2, axis=-1) + spin, axis=-1)
-        so_far = np.minimum.accumulate(np.maximum(kinetic[1:], kinetic[:-1]))  # a contact holds some for a moment
+        so_far = np.minimum.accumulate(np.maximum(kinetic[1:], kinetic[:-1]))  # a contact stores some for a moment
         rises[k] = np.max(kinetic[2:] - so_far[:-1]) / kinetic[0]
     return [
         MatchResult(f"energy, {count} shots: largest rise over the start's", "effects", float(rises.max()), "1", 1e-3)
@@ -225,7 +225,7 @@ def energy(count: int = 2000) -> list[MatchResult]:
 
 
 def rebounds(tested: ModelUnderTest | None, pairs: Sequence[tuple[float, float]]) -> Array:
-    """Rebound speeds of a ball that rolls straight at a cushion: (n,) [m/s]; None stands for the analytic model."""
+    """Rebound speeds of a ball rolling straight at a cushion: (n,) [m/s]; None means the analytic model."""
     after = SETTLING_TIME_S[tested.name if tested else "analytic"]
     shots = [impact_shot("cushion", v, 0.0, 1.0, 0.0, after) for v, _ in pairs]
     tracks = tested(MATHAVAN_TABLE, shots) if tested else play(ANALYTIC_MODEL, shots)
@@ -233,7 +233,7 @@ def rebounds(tested: ModelUnderTest | None, pairs: Sequence[tuple[float, float]]
 
 
 def obliques(tested: ModelUnderTest | None) -> Array:
-    """Speeds of both balls once they roll, and deflection of the cue ball, at the published cuts: (n, 3) [m/s, deg]."""
+    """Speeds of both rolling balls and deflection of the cue ball at the published cuts: (n, 3) [m/s, deg]."""
     after = SETTLING_TIME_S[tested.name if tested else "analytic"]
     shots = [impact_shot("ball", v, np.radians(cut), 1.0, 0.0, after) for v, cut, *_ in OBLIQUE_2009]
     tracks = tested(MATHAVAN_TABLE, shots) if tested else play(ANALYTIC_MODEL, shots)
@@ -245,7 +245,7 @@ def obliques(tested: ModelUnderTest | None) -> Array:
 
 
 def published(tested: ModelUnderTest) -> list[MatchResult]:
-    """Against measurements: rms errors of rebound speeds, of speeds after oblique collisions and of deflections."""
+    """Rms errors against measurements: rebound speeds, speeds after oblique collisions, and deflections."""
     found = []
     for title, pairs in (("2010, 19", CUSHION_2010), ("2009, 8", CUSHION_2009)):
         for part, top in (("all", 9.0), ("below 2.5 m/s", 2.5)):
@@ -266,26 +266,26 @@ def published(tested: ModelUnderTest) -> list[MatchResult]:
 
 
 def cueing(few: bool = False) -> list[MatchResult]:
-    """Strokes of the launcher's tip in MuJoCo against the cueing model: rms over the grid of speeds and offsets."""
+    """Rms errors of the launcher's strokes in MuJoCo against the cueing model, over a grid of speeds and offsets."""
     asked = stroke.SMALL_GRID if few else stroke.PAPER_GRID
     launcher = stroke.machine()
     wrong = stroke.errors(launcher, asked, stroke.played(launcher, asked))
     parts = (("ball speed", "%", 0.5), ("R omega over speed", "%", 4.0), ("squirt", "deg", 0.07))
     return [
-        MatchResult(f"launcher's tip, {len(asked)} strokes: {what}, rms", "effects", float(rms), unit, reach)
-        for (what, unit, reach), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
+        MatchResult(f"launcher's tip, {len(asked)} strokes: {what}, rms", "effects", float(rms), unit, tolerance)
+        for (what, unit, tolerance), rms in zip(parts, np.sqrt(np.mean(wrong**2, axis=0)), strict=True)
     ]
 
 
 def effects_of(names: Sequence[str] | None = None) -> list[str]:
-    """Effects of the catalogue, or those named, that the event engine plays, without the base's; "" for none."""
+    """Effects of the catalogue, or those named, that the event engine can play, without the base's; "" for none."""
     base = full_model(FULL_TABLE, SNOOKER_BALL)
     found = [n for n in names or catalogue() if n not in {e.name() for e in base.effects}]
     return ["", *(n for n in found if not lacking(base.add(catalogue()[n]())))]
 
 
 def effect(name: str, count: int = 40) -> list[MatchResult]:
-    """An effect at its usual size, "" for none: distance of the tracks in MuJoCo from those of the engine."""
+    """Distance between the tracks of MuJoCo and the engine with an effect at its usual size, "" for none."""
     model, shots = full_model(FULL_TABLE, SNOOKER_BALL), two_ball_shots(count)
     if name:
         model = model.add(catalogue()[name]())
@@ -295,7 +295,7 @@ def effect(name: str, count: int = 40) -> list[MatchResult]:
         second = min((t.events[1].time for t in (a, b) if len(t.events) > 1), default=np.inf)
         early[k], whole[k] = away[a.times < second].max(), away.max()
     case = f"effect {name or 'none'}, {count} shots of two balls"
-    tolerance = None if name == "cushion_contact_time" else 2.0  # which the event engine has as a delay
+    tolerance = None if name == "cushion_contact_time" else 2.0  # the event engine represents it by a delay
     return [
         MatchResult(
             f"{case}: before the second impact, median", "effects", 1e3 * float(np.median(early)), "mm", tolerance
@@ -305,7 +305,7 @@ def effect(name: str, count: int = 40) -> list[MatchResult]:
 
 
 def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[MatchResult]:
-    """All results, one by one: `count` states and impacts, `shots` whole shots; `few` strokes of the launcher."""
+    """Yield all results: `count` states and impacts, `shots` whole shots, `few` strokes of the launcher."""
     native, effects = models_under_test()
     parts: list[Callable[[], list[MatchResult]]] = []
     for p in (native, effects):
@@ -329,7 +329,7 @@ def line(row: MatchResult) -> str:
 
 
 def to_json(row: MatchResult) -> dict[str, object]:
-    """A result as the JSON file has it."""
+    """A result as an entry of the JSON file."""
     return {
         "case": row.case, "model": row.model, "error": row.error, "unit": row.unit, "reach": row.tolerance,
         "analytic": row.analytic, "ok": row.ok,

@@ -1,7 +1,7 @@
-"""The native MJCF, tuned as well as its terms allow: least squares against a model, case by case.
+"""Tuning of native MJCF: least squares of its terms against a model, case by case.
 
-In: a model: the analytic models' constants for models/mjcf/native.py, which holds what was found (`sysid match --tune
-M.toml`), or a fitted one, for its export (sysid/mjcf). Out: native terms.
+In: a model: the analytic models' constants for models/mjcf/native.py, which holds the result (`sysid match --tune
+M.toml`), or a fitted one for its export (sysid/mjcf). Out: native terms.
 
 The unknowns are the terms, the solver is that of the workbench (sysid/estimation/solver). Cloth: positions and sidespin
 over 3 s; rolling: the same of balls that roll from the start; impacts: velocity and R omega after them, over the speed
@@ -35,7 +35,7 @@ from sysid.validation.shots import (
 )
 
 log = logging.getLogger(__name__)
-RANDOM_STATES = 60  # states of motion, or impacts, that a case is fitted to
+RANDOM_STATES = 60  # random states of motion, or impacts, in the fit of a case
 RELATIVE_STEP = 0.01  # of finite differences
 CAUCHY_SCALE = 10.0  # of the robust loss
 POSITION_SCALE_M, SIDESPIN_SCALE_M_S, SPEED_SCALE = (
@@ -48,13 +48,13 @@ TERMS_BY_CASE = {
     "ball": ("ball_restitution", "ball_friction", "ball_grip"),
     "cushion": ("cushion_restitution", "cushion_friction", "cushion_grip"),
 }
-GRIP_START_S = 0.002  # that of all contacts when a fit starts [s]: the time of a contact
-REBOUND_START = 0.9  # restitution of cushions when a fit starts, at most
+GRIP_START_S = 0.002  # start value of the grip time of all contacts [s]: the duration of a contact
+REBOUND_START = 0.9  # largest start value of the cushions' restitution
 Player = Callable[[Model, Sequence[Shot]], list[Track]]
 
 
 def shots_of(case: str, table: Table = MATHAVAN_TABLE, ball: Ball = SNOOKER_BALL) -> list[Shot]:
-    """The shots that the terms of a case are fitted to: "cloth", "rolling", "ball" or "cushion"."""
+    """The shots for the fit of a case: "cloth", "rolling", "ball" or "cushion"."""
     if case in ("cloth", "rolling"):
         still, times = np.zeros((1, 2)), np.linspace(0, 3, 13)
         velocity, spin = random_states(RANDOM_STATES, ball.radius)
@@ -84,15 +84,15 @@ def tune(
     case: str, names: Sequence[str], native: Native, truth: Model, move: Player = simulate,
     kept: tuple[Effect, ...] = (),
 ) -> Native:  # fmt: skip
-    """Fit native terms to what a model plays in the shots of a case; the others keep their values.
+    """Fit native terms to a model's motion in the shots of a case; the other terms keep their values.
 
     Args:
         case: of `shots_of`.
         names: of the terms.
         native: from which the fit starts.
-        truth: what is played.
-        move: plays models with native terms in place of the effects for cloth, balls and cushions.
-        kept: effects that such a model has as well.
+        truth: the model to reproduce.
+        move: plays models with native terms instead of the effects for cloth, balls and cushions.
+        kept: effects that such a model keeps.
     """
     ball = truth.ball
     table = OPEN_TABLE if case in ("cloth", "rolling") else dataclasses.replace(truth.table, pockets=False)
@@ -120,7 +120,7 @@ def tune(
 
 
 def start_of(truth: Model) -> Native:
-    """Native terms to start from: a model's own constants, and where it has none those of its native terms."""
+    """Start values of native terms: a model's constants, or else those of its native terms."""
     c, own = truth.parameters(), truth.native
     return dataclasses.replace(
         own,

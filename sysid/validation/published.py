@@ -1,4 +1,4 @@
-"""Measurements from the literature, to compare models of the impacts with.
+"""Published measurements for comparison with models of impacts.
 
 Cushion: a rolling ball straight at the rail of a snooker table, speed before and after [m/s]. Mathavan, Jackson and
 Parkin 2010, Fig. 7(a), and 2009, Fig. 9, read off the figures to about 0.01 m/s; the two share shots.

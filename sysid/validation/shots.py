@@ -27,7 +27,7 @@ MATHAVAN_CONSTANTS = {
     "cushion_impact.restitution": 0.98, "cushion_impact.friction": 0.14,
 }  # fmt: skip
 ANALYTIC_MODEL = full_model(MATHAVAN_TABLE, SNOOKER_BALL).with_values(MATHAVAN_CONSTANTS)
-LEAD_TIME_S = 1e-4  # before the touch [s]
+LEAD_TIME_S = 1e-4  # time from the start to the touch
 RANDOM_SEED = 3
 
 
@@ -62,8 +62,8 @@ def impact_shot(
         top: R omega of top spin over speed.
         side: the same of sidespin.
         after: how long after the touch [s].
-        table: a cushion of which is met.
-        ball: that meets it, or another.
+        table: with the cushion.
+        ball: properties of the ball or balls.
     """
     direction = np.array([np.cos(angle), np.sin(angle)])
     spin = np.array([-top * direction[1], top * direction[0], side]) * speed / ball.radius
@@ -93,7 +93,7 @@ def impact_states(kind: str, count: int = 500) -> tuple[Array, Array]:
 
 
 def random_shots(count: int = 200, max_impacts: int = 4) -> tuple[list[Shot], list[Track]]:
-    """Shots of one to three balls with one to `max_impacts` impacts, sampled where the struck ball rests; tracks."""
+    """Shots of one to three balls with one to `max_impacts` impacts, sampled when the struck ball rests, and tracks."""
     rng = np.random.default_rng(RANDOM_SEED)
     shots: list[Shot] = []
     half = MATHAVAN_TABLE.centre_limits(SNOOKER_BALL) - 0.1
@@ -141,7 +141,7 @@ def two_ball_shots(count: int, table: Table = FULL_TABLE, ball: Ball = SNOOKER_B
 
 
 def pocket_shots(count: int) -> list[Shot]:
-    """A rolling ball of 0.7 to 2.5 m/s at a mouth of a full snooker table, within and beside what lets it in."""
+    """Rolling balls of 0.7 to 2.5 m/s aimed at a mouth of a full snooker table, inside and outside its acceptance."""
     rng = np.random.default_rng(RANDOM_SEED)
     half, shots = np.array([SNOOKER_TABLE.length, SNOOKER_TABLE.width]) / 2, list[Shot]()
     for number in range(count):

@@ -127,7 +127,7 @@ def test_what_is_struck_is_what_is_said() -> None:
         assert track.names[0] == moves and np.hypot(*track.velocity[0, 0]) == pytest.approx(0.5)
     with pytest.raises(models.BadInput, match="did you mean 'white'"):
         models.simulate(MODEL, speed=0.5, balls=balls, struck="whte")
-    with pytest.raises(models.BadInput, match=r"'red' alone, which is no cue ball: .* struck='red'"):
+    with pytest.raises(models.BadInput, match=r"has only 'red', which is not a cue ball: .* struck='red'"):
         models.simulate(MODEL, speed=0.5, balls={"red": (0.3, 0.1)})
     with pytest.raises(models.BadInput, match="none of the balls 'red', 'blue' is called cue or white"):
         models.simulate(MODEL, speed=0.5, balls={"red": (0.3, 0.1), "blue": (0.6, 0.1)})

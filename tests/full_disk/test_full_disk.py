@@ -95,7 +95,7 @@ def test_no_room_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("tempfile.mkdtemp", full)
-    with pytest.raises(BadInput, match="no room for temporary files; make some there, or set TMPDIR"), scratch_folder():
+    with pytest.raises(BadInput, match="no room for temporary files; make room there, or set TMPDIR"), scratch_folder():
         pass
 
 

@@ -70,7 +70,7 @@ def test_options_reach_the_verb_as_one_value(capsys: pytest.CaptureFixture[str])
         (["play", "--high", "1", "--fault", "device"], 1, "game play: it broke"),
         (["play", "--high", "1", "--fault", "stop"], 130, "game play: interrupted; all is kept"),
         (["plya"], 2, "game: no such command 'plya'. Did you mean 'play'?"),
-        ([], 2, "game: no verb is given; choose one of play"),
+        ([], 2, "game: no verb was given; choose one of play"),
     ],
 )
 def test_faults_are_one_line(words: list[str], status: int, line: str, capsys: pytest.CaptureFixture[str]) -> None:

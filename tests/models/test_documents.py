@@ -40,7 +40,7 @@ def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path) -> None:
     """Not a device either: a program that may do anything would take it from everyone."""
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(BadInput, match="is no regular file; name another"):
+    with pytest.raises(BadInput, match="is not a regular file; name another"):
         write_whole(pipe, b"text")
     assert pipe.is_fifo() and list(tmp_path.iterdir()) == [pipe]
 
@@ -63,5 +63,5 @@ def test_tables_and_documents_in_utf_16_are_read(tmp_path: Path) -> None:
     (tmp_path / "d.toml").write_text('name = "weiß"\n', encoding="utf-16")
     assert read_document(tmp_path / "d.toml", "d.toml", Faults(), "") == {"name": "weiß"}
     (tmp_path / "t.csv").write_bytes(b"\xff\xfea")
-    with pytest.raises(BadInput, match="not UTF-16 text, though it begins so"):
+    with pytest.raises(BadInput, match="begins as UTF-16 text, but is not"):
         list(csv_rows(tmp_path / "t.csv", "t.csv", Faults(), ""))

@@ -74,12 +74,12 @@ def test_a_name_in_every_row_is_not_the_name_of_a_ball(tmp_path: Path) -> None:
     file = tmp_path / "track.csv"
     file.write_text("\n".join(["t,ball,x,y", *(f"{k},b{k},0,0" for k in range(20_000))]))
     said = refused(lambda: read_clip(read_columns(file), {}))
-    assert "has 20000 balls, the limit is 256: say which column" in said and "--columns ball=NAME" in said
+    assert "has 20000 balls, the limit is 256: name the column" in said and "--columns ball=NAME" in said
 
 
 def test_a_million_columns(tmp_path: Path) -> None:
     head = HEAD + "".join(f",a{k}" for k in range(1_000_000))
-    told = "has 1000005 columns, the limit is 256: keep the columns that are needed"
+    told = "has 1000005 columns, the limit is 256: keep only the columns that are needed"
     assert told in refused(lambda: read_clip_set(clip_set(tmp_path, head)))
     assert told in refused(lambda: read_columns(tmp_path / "1.csv"))
 
@@ -130,9 +130,10 @@ def test_a_small_parquet_is_not_unpacked_into_much(tmp_path: Path) -> None:
     assert "has 3000000 rows, the limit is 2000000: split it" in refused(lambda: read_columns(file))
     sound = file.read_bytes()
     file.write_bytes(sound[:-1])
-    assert refused(lambda: read_columns(file)).endswith("does not end as a Parquet file does: save it again, or as CSV")
+    said = refused(lambda: read_columns(file))
+    assert said.endswith("does not end as a Parquet file does: save it again, or save it as CSV")
     file.write_bytes(sound[:-40] + b"x" * 30 + sound[-10:])
-    assert refused(lambda: read_columns(file)).endswith("): save it again, or as CSV")
+    assert refused(lambda: read_columns(file)).endswith("): save it again, or save it as CSV")
     file.write_bytes(sound[:-8] + b"\xff\xff\xff\x7fPAR1")
     assert "MB of description, the limit is 16" in refused(lambda: read_columns(file))
 

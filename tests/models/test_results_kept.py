@@ -24,7 +24,7 @@ from models.files.record import Origin, origin_of, with_record
 from tests.fuzz.verbs import SEEDS
 
 ORIGIN = Origin("sysid new-model", "0123456789abcdef")
-REFUSED = "not made by this command from the same input; name another, or replace it with --overwrite\n"
+REFUSED = "was not made by this command from the same input; name another, or replace it with --overwrite\n"
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_a_result_is_replaced_by_the_same_command_alone(place: Path, capsys: pyt
     other = ["add", "table_tilt", "--model", "model.toml", "--out", "new.toml"]
     capsys.readouterr()
     assert sysid.cli.main(other) == 2
-    assert capsys.readouterr().err == f"sysid add: new.toml: is there already, and {REFUSED}"
+    assert capsys.readouterr().err == f"sysid add: new.toml: already exists and {REFUSED}"
     assert Path("new.toml").read_bytes() == first
     Path("new.toml").write_bytes(first.replace(b"format", b"# a remark of mine\nformat"))
     assert sysid.cli.main(words) == 2, "changed by hand"
@@ -97,7 +97,7 @@ def test_a_folder_of_results_as_well(place: Path, capsys: pytest.CaptureFixture[
     assert "made.json" in made
     capsys.readouterr()
     assert sysid.cli.main(["discover", "others", "--out", "out"]) == 2
-    assert capsys.readouterr().err == f"sysid discover: out: holds model.toml, {REFUSED}"
+    assert capsys.readouterr().err == f"sysid discover: out: holds model.toml, which {REFUSED}"
     assert sysid.cli.main(["discover", "clips", "--model", "model.toml", "--out", "out"]) == 2
     assert sysid.cli.main(["demo", "--out", "out"]) == 2
     assert {path.name: path.read_bytes() for path in Path("out").iterdir()} == made
@@ -111,7 +111,7 @@ def test_what_is_drawn_replaces_its_own_kind_and_no_input(place: Path, capsys: p
     model = Path("model.toml").read_bytes()
     compare = ["compare", "clips", "--model", "model.toml"]
     assert sysid.cli.main([*compare, "--report", "model.toml"]) == 2
-    assert "model.toml: is what this command reads; name another file" in capsys.readouterr().err
+    assert "model.toml: is an input of this command; name another file" in capsys.readouterr().err
     assert sysid.cli.main([*compare, "--report", "scene.toml"]) == 2
     assert "its name does not end in .html" in capsys.readouterr().err
     assert sysid.cli.main(["check", "clips", "--json", "clips/clips/0001.csv"]) == 2
@@ -126,7 +126,7 @@ def test_what_is_drawn_replaces_its_own_kind_and_no_input(place: Path, capsys: p
 def test_a_scene_of_a_study_replaces_no_other(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["study", "--out", "study", "--scene", "1"]
     assert planner.cli.main([*words, "scene.toml"]) == 2
-    assert "scene.toml: is there already and holds something else" in capsys.readouterr().err
+    assert "scene.toml: already exists and holds something else" in capsys.readouterr().err
     assert planner.cli.main([*words, "new.toml"]) == 0 and planner.cli.main([*words, "new.toml"]) == 0
 
 

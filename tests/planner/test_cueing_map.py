@@ -316,8 +316,8 @@ def test_a_campaign_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a,b\n1,2\n", "begins with 'a,b'; the first line of a campaign is string"),
-        (",".join(CAMPAIGN_COLUMNS) + "\n1,2\n", "row 1: has 2 columns; there are 12"),
+        ("a,b\n1,2\n", "begins with 'a,b'; the first line of a campaign must be string"),
+        (",".join(CAMPAIGN_COLUMNS) + "\n1,2\n", "row 1: has 2 columns instead of 12"),
         (",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,x,1,0,0,1,0,0,0\n", "row 1: ball_speed is 'x'; give a number"),
         (
             ",".join(CAMPAIGN_COLUMNS) + "\n62,2.0,0,0,-2,1,0,0,1,0,0,0\n",
@@ -334,7 +334,7 @@ def test_a_bad_campaign_says_what_is_wrong(tmp_path: Path, text: str, message: s
 
 
 def test_too_few_shots_say_so(shots: list[CueShot]) -> None:
-    with pytest.raises(BadInput, match="10 shots at 2 places are too few for a cueing map; strike 16 or more"):
+    with pytest.raises(BadInput, match="10 shots at 2 positions are too few for a cueing map; strike 16 or more"):
         fit_map(shots[:10])
     with pytest.raises(BadInput, match="0 repeats are too few for the launcher's scatter"):
         scatter(shots[::5], TRUE, GEOMETRY)

@@ -56,7 +56,7 @@ def launcher_within(launcher: LauncherModel, q: Array) -> Array:
 
 
 def test_a_map_of_other_balls_is_refused() -> None:
-    with pytest.raises(BadInput, match=r"the cueing map is of balls of 52\.5 mm, 140\.6 g, the scene's have 57\.2 mm"):
+    with pytest.raises(BadInput, match=r"the cueing map is for balls of 52\.5 mm, 140\.6 g, the scene's have 57\.2 mm"):
         with_map(LauncherModel(), MAP, Ball(0.0572, 0.17))
 
 

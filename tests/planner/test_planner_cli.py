@@ -142,7 +142,7 @@ def test_a_map_makes_terms_of_its_own_launcher(run: Any, asked: Path, tmp_path: 
     assert np.ravel(given) == pytest.approx(wanted, abs=2e-6)
     assert plan["execution"]["speed_sd"] == 0.01, "the map's repeatability"
     write_map(file, dataclasses.replace(made, geometry=Geometry(Ball(0.0572, 0.17))))
-    assert "the cueing map is of balls of 57.2 mm" in refused(
+    assert "the cueing map is for balls of 57.2 mm" in refused(
         run, tmp_path, "plan", asked, "--out", tmp_path / "p2.json", "--map", file
     )
 
@@ -205,7 +205,7 @@ def test_bad_files_of_plan(run: Any, asked: Path, model: Path, tmp_path: Path) -
     write_model(dataclasses.replace(MODEL, execution={"sped_sd": 0.1}), tmp_path / "sped.toml")
     assert "sped_sd" in line("--model", tmp_path / "sped.toml")
     edit(asked, "pocket = [\n    1,\n    1,\n]", "pocket = [1, 0]")
-    assert "is no pocket" in line("--model", model)
+    assert "is not a pocket" in line("--model", model)
 
 
 # Scenes.
@@ -242,7 +242,7 @@ def test_pockets_by_their_sides(run: Any, tmp_path: Path, text: str, pocket: Any
         (("--pocket=+x",), "--pocket +x"),
         (("--pocket=",), "--pocket"),
         (("--pocket=+x+y+x",), "--pocket +x+y+x"),
-        (("--camera", "cam.toml"), "leave it out"),
+        (("--camera", "cam.toml"), "omit it"),
         (("--clip", "13"), "13"),
         (("--object", "rde"), "'rde'"),
         (("--rest", "9", "0"), "rest"),

@@ -100,7 +100,7 @@ def test_ways_over_a_cushion_against_a_hand_calculation() -> None:
     image = np.array([-2 * REACH[0] - ghost[0], ghost[1]])
     assert kick.aim == pytest.approx(math.atan2(image[1] + 0.4, image[0] - 0.3))
     assert kick.cue_path == pytest.approx(math.hypot(image[0] - 0.3, image[1] + 0.4))
-    assert describe_route(kick).endswith(", cue ball by way of the -x cushion")
+    assert describe_route(kick).endswith(", cue ball via the -x cushion")
     assert not [
         w for w in all_routes(asked) if w.bank >= 0 and POCKETS[w.pocket] == (0, 1) and RAIL_NAMES[w.bank] == "+y"
     ]
@@ -357,7 +357,7 @@ def test_where_no_ball_gets_through_there_is_no_stroke() -> None:
     assert told["stroke"] is None and told["alternatives"] == []
     assert "b0 is in the red's way" in told["why"]
     blind = make_plan(straight(1.6, 1.4), MODEL, Execution(azimuth_sd=0.2), UtilityWeights(), effort=QUICK)
-    assert blind["stroke"] is None and "lie open" in blind["why"]
+    assert blind["stroke"] is None and "paths are open" in blind["why"]
 
 
 def test_what_cannot_be_planned_is_refused(tmp_path: Path) -> None:

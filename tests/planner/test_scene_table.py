@@ -25,6 +25,6 @@ def test_a_table_by_name_stands_for_its_pockets_and_balls(tmp_path: Path) -> Non
         write_scene(found, tmp_path / "again.toml")
         assert read_scene(tmp_path / "again.toml").table == found.table
     (tmp_path / "s.toml").write_text(f'{head}\ntable = "pol 9 ft"\n{rest}')
-    says = """table = 'pol 9 ft': is no table known here; did you mean "pool 9 ft"?, or write [table]"""
+    says = """table = 'pol 9 ft': is not a known table; did you mean "pool 9 ft"?, or write [table]"""
     with pytest.raises(BadInput, match=re.escape(says)):
         read_scene(tmp_path / "s.toml")

@@ -148,7 +148,7 @@ def test_pictures_of_a_stroke(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         (["--frames", "5"], "--frames and --out go together"),
         (["--speed", "99"], "--speed 99: give a number from 0.01 to 15"),
         (["--frames", "1", "--out", "x", "--side", "0.03"], "30.0 mm off the centre misses a ball of 26.2 mm"),
-        (["planner/example.toml", "--frames", "1", "--out", "x", "--clip", "2"], "is no clip set; leave it out"),
+        (["planner/example.toml", "--frames", "1", "--out", "x", "--clip", "2"], "is not a clip set; omit it"),
         (["nowhere.toml", "--frames", "1", "--out", "x"], "nowhere.toml"),
         ([str(CLIPS), "--frames", "1", "--out", "x", "--clip", "99"], "there is no clip 99: choose from"),
     ],
@@ -170,11 +170,11 @@ def test_a_clip_that_begins_in_mid_motion_has_no_stroke(tmp_path: Path, capsys: 
     written_running(cut_in_motion(few, 1), tmp_path / "cut")
     given = ["--frames", "1", "--out", str(tmp_path / "pictures"), "--clip", "1"]
     assert main(["view", str(tmp_path / "cut"), *given]) == 2
-    assert "--clip 1: begins in mid-motion, so that there is no stroke to play" in capsys.readouterr().err
+    assert "--clip 1: begins in mid-motion, without a stroke to play" in capsys.readouterr().err
 
 
 def test_a_model_of_another_table_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_model(full_model(Table(2.0, 1.0), SNOOKER_BALL), tmp_path / "m.toml")
     given = ["--frames", "1", "--out", str(tmp_path), "--model", str(tmp_path / "m.toml")]
     assert main(["view", "planner/example.toml", *given]) == 2
-    assert "its table and ball are not those of planner/example.toml" in capsys.readouterr().err
+    assert "its table and ball differ from those of planner/example.toml" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, S
 from robot.device.protocol import LauncherError, LauncherStopped
 from robot.device.settings import Settings
 from robot.emulator.faults import FAULT_KINDS, Fault, FaultInjection
-from robot.emulator.firmware import Deed, Firmware
+from robot.emulator.firmware import ExecutedAction, Firmware
 from robot.emulator.line import Line, VirtualClock, WirePort
 
 BAUD = 19200
@@ -71,14 +71,14 @@ class Bench:
                 return
         raise RuntimeError("the launcher does not come back")
 
-    def deeds(self, since: int, *what: str) -> list[Deed]:
+    def actions(self, since: int, *what: str) -> list[ExecutedAction]:
         self.device.update()
-        return [d for d in self.device.deeds[since:] if d.what in what]
+        return [d for d in self.device.actions[since:] if d.what in what]
 
     def command(self, verb: str, *values: object) -> None:
         """One command, judged by what the launcher truly did."""
         self.device.update()
-        since, name, tally = len(self.device.deeds), f"{verb} {values} at {self.clock.now():.2f} s", self.tally
+        since, name, tally = len(self.device.actions), f"{verb} {values} at {self.clock.now():.2f} s", self.tally
         tally.commands += 1
         result: Done | Did | None = None
         error: LauncherError | None = None
@@ -88,7 +88,7 @@ class Bench:
             error = raised
             self.told.append(self.clock.now())
             self.clock.sleep(10.0)  # whatever may still come, comes
-        struck = self.deeds(since, "struck")
+        struck = self.actions(since, "struck")
         if len(struck) > (verb == "strike"):
             tally.doubled.append(name)
         if isinstance(result, Done):
@@ -97,7 +97,7 @@ class Bench:
             x, y = self.device.tip()
             if max(abs(1e3 * x - float(str(values[0]))), abs(1e3 * y - float(str(values[1])))) > 0.011:
                 tally.wrong.append(name)
-        elif verb == "retract" and result is not None and not self.deeds(since, "retracted"):
+        elif verb == "retract" and result is not None and not self.actions(since, "retracted"):
             tally.lost.append(name)
         if isinstance(error, StrokeUnknown):
             tally.unknown += 1
@@ -110,15 +110,15 @@ class Bench:
         if error is not None:
             self.recover()
 
-    def _judge(self, done: Done, struck: list[Deed], name: str) -> None:
+    def _judge(self, done: Done, struck: list[ExecutedAction], name: str) -> None:
         self.tally.strokes += 1
         if not struck:
             self.tally.lost.append(name)
             return
-        deed = struck[0]
-        same = (f"{deed.string:03d}p", deed.number) == (done.string, done.number) and name.startswith("strike")
-        near = abs(done.cue_speed / deed.speed - 1) < 0.006 and abs(done.x0_mm - 1e3 * deed.x) < 0.011
-        if not (same and near and abs(done.y0_mm - 1e3 * deed.y) < 0.011):
+        action = struck[0]
+        same = (f"{action.string:03d}p", action.number) == (done.string, done.number) and name.startswith("strike")
+        near = abs(done.cue_speed / action.speed - 1) < 0.006 and abs(done.x0_mm - 1e3 * action.x) < 0.011
+        if not (same and near and abs(done.y0_mm - 1e3 * action.y) < 0.011):
             self.tally.wrong.append(name)
 
     def cycle(self) -> None:
@@ -145,7 +145,7 @@ class Bench:
             later = times[np.searchsorted(times, fault.time - 1e-9) :]
             if fault.kind != "stuck" and not (len(later) and later[0] - fault.time < 3):
                 self.tally.silent.append(fault)
-        stalls = self.deeds(0, "stuck")
+        stalls = self.actions(0, "stuck")
         noticed = [any(0 <= t - d.time < 3 for t in self.told) for d in stalls]
         if not all(noticed):
             self.tally.silent.append(Fault(0.0, "stuck", b""))

@@ -24,7 +24,7 @@ from tests.fuzz.verbs import SEEDS
 
 DOUBT = "edges 40 mm farther in do not fit the table's aspect"
 TOLD = f"cam.toml: the camera is not to be trusted: {DOUBT}"
-REMEDY = "go on with --accept-camera"
+REMEDY = "continue with --accept-camera"
 SEEN = ("--camera", "cam.toml", "--palette", "palette.toml")
 
 
@@ -131,7 +131,7 @@ def test_a_scene_for_a_plan_is_refused_before_the_work(place: Path, capsys: pyte
     shutil.copy("pictures/0000.png", "picture.png")
     words = ["scene", "picture.png", "--camera", "cam.toml", "--object", "red", "--out", "new.toml"]
     assert planner.cli.main(words) == 2
-    assert capsys.readouterr().err == f"planner scene: {TOLD}: calibrate it anew, or {REMEDY}\n"
+    assert capsys.readouterr().err == f"planner scene: {TOLD}: calibrate it again, or {REMEDY}\n"
     planner.cli.main([*words, "--accept-camera"])  # there are no balls in it
     error = capsys.readouterr().err
     assert f"warning: {TOLD}\n" in error and "no ball is seen" in error
@@ -155,7 +155,7 @@ def test_a_launcher_does_not_move_by_it(place: Path, capsys: pytest.CaptureFixtu
         ["repeat", *at_port],
     ):
         assert robot.cli.main(words) == 2
-        assert f"{TOLD}: calibrate it anew, or {REMEDY}\n" in capsys.readouterr().err
+        assert f"{TOLD}: calibrate it again, or {REMEDY}\n" in capsys.readouterr().err
     assert robot.cli.main(["align", *filming, "--plan", "plan.json", "--accept-camera"]) == 2  # no cue is in that film
     error = capsys.readouterr().err
     assert f"warning: {TOLD}\n" in error and REMEDY not in error

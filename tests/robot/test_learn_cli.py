@@ -153,13 +153,13 @@ def test_a_folder_goes_on_with_its_own_series_alone(
     assert run("--out", folder, *words).status == 0
     assert all((folder / name).stat().st_size for name in ENDED)
     recorded = (folder / "story.rrd").stat().st_mtime_ns
-    again = run("--out", folder, *words)  # only told anew
+    again = run("--out", folder, *words)  # only the reports again
     assert again.status == 0 and "shot   1: " not in again.out and "ended: all 1 shots are played" in again.out
     assert (folder / "story.rrd").stat().st_mtime_ns > recorded
     before = contents(folder)
     for change, says in (
         (("--seed", 1), "another seed"), (("--repeats", 4), "another number of repeats"),
-        (("--effect", "air_drag"), "another table or launcher"), (("--every", 5), "another every"),
+        (("--effect", "air_drag"), "another emulated table or launcher"), (("--every", 5), "another every"),
     ):  # fmt: skip
         said = run("--out", folder, *words, *change)
         assert said.status == 2 and len(said.err.splitlines()) == 1 and says in said.err, said
@@ -199,7 +199,7 @@ def test_a_tiny_series_tells_the_truth_beside_what_it_found(run: Run, quick: Non
     assert said.status == 0, said
     assert all((folder / name).stat().st_size for name in ENDED)
     before, after = said.out.split("\nshots ")
-    assert before.splitlines()[0] == "no --port: on the emulated launcher and table"
+    assert before.splitlines()[0] == "no --port: using the emulated launcher and table"
     hidden = read_model(folder / "hidden.toml")
     rng = np.random.default_rng([0, 7])
     cue = draw_hidden_cue(rng)
@@ -242,7 +242,7 @@ def test_bad_input_is_one_line_status_2_and_leaves_nothing(run: Run, tmp_path: P
         (("--hidden", bare), "lacks"),
         (("--model", bare), "lacks"),
         (("--model", tmp_path / "none.toml"), "none.toml"),
-        (("--map", balls), "cueing map is of balls of 57.15 mm"),
+        (("--map", balls), "cueing map is for balls of 57.15 mm"),
         (("--map", other), "format"),
         (("--json", tmp_path / "no" / "told.json"), "its folder does not exist"),
         (("--out", full), "holds no series"),

@@ -176,7 +176,7 @@ def test_a_recording_ends_when_the_bed_is_still_and_at_a_limit(tmp_path: Path) -
     assert still.warnings == []
     restless = FilmRecorder(Restless(), CAMERA, tmp_path / "restless.mkv", FPS)
     restless.finish(0.3)
-    assert "still moved" in restless.warnings[0]
+    assert "still moving" in restless.warnings[0]
 
 
 class Restless(Reel):
@@ -228,7 +228,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "films").write_text("a file")
     with (
         live(tmp_path, Reel(grey(0)), []) as camera,
-        pytest.raises(BadInput, match=r"film-0001\.mkv: cannot be written; name a folder"),
+        pytest.raises(BadInput, match=r"film-0001\.mkv: cannot be written; name a writable folder"),
     ):
         camera.arm()
 

@@ -93,7 +93,7 @@ def test_a_stroke_of_a_campaign_is_played_filmed_and_measured(tmp_path: Path, mo
             status = main([*map(str, words), "--video", "0", "--films", str(tmp_path / "films")])
     assert status == 0, (said.getvalue(), wrong.getvalue())
     [shot] = read_campaign(out)
-    [struck] = [deed for deed in firmware.deeds if deed.what == "struck"]
+    [struck] = [action for action in firmware.actions if action.what == "struck"]
     speed, squirt = ball_speed_and_squirt(
         Constants(), Geometry(SNOOKER_BALL), *(np.array([v]) for v in (struck.speed, struck.x, struck.y))
     )

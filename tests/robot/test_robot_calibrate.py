@@ -74,11 +74,11 @@ def test_every_stroke_is_retracted_and_the_tip_stays_in_the_middle() -> None:
     launcher, device = bench()
     with launcher:
         measured = measure_strings(launcher, ["001p", 100, 200], 3)
-    what = [deed.what for deed in device.deeds if deed.what not in ("booted", "moved")]
+    what = [action.what for action in device.actions if action.what not in ("booted", "moved")]
     assert what == ["homed"] + ["begun", "struck", "retracted"] * 9
-    struck = [deed for deed in device.deeds if deed.what == "struck"]
-    assert [deed.string for deed in struck] == [200, 100, 1] * 3
-    assert all(deed.x == deed.y == 0 for deed in struck)
+    struck = [action for action in device.actions if action.what == "struck"]
+    assert [action.string for action in struck] == [200, 100, 1] * 3
+    assert all(action.x == action.y == 0 for action in struck)
     assert device.status().state == "IDLE"
     assert [(row.string, row.strokes) for row in measured] == [(1, 3), (100, 3), (200, 3)]
 
@@ -159,7 +159,7 @@ def test_the_rest_of_the_file_is_kept(tmp_path: Path) -> None:
 
 
 def test_speeds_beyond_the_limits_are_told() -> None:
-    assert "refused from now on: 001p, 200p" in text(speeds(n1=2.8, n100=1.5, n200=0.29), OURS)
+    assert "will be refused: 001p, 200p" in text(speeds(n1=2.8, n100=1.5, n200=0.29), OURS)
     assert "refused" not in text(speeds(n1=2.7, n200=0.31), OURS)
 
 
@@ -180,7 +180,7 @@ def test_whatever_goes_wrong_stops_the_launcher(trouble: str) -> None:
         with pytest.raises(kind):
             measure_strings(launcher, (50, 100, 150), 4, third)
         assert device.status().state == "STOPPED"
-    struck = sum(deed.what == "struck" for deed in device.deeds)
+    struck = sum(action.what == "struck" for action in device.actions)
     assert struck == (0 if trouble == "stage" else 3)
 
 
@@ -199,7 +199,7 @@ def test_bad_input_moves_nothing(name: str) -> None:
     launcher, device = bench()
     with launcher, pytest.raises(BadInput, match=says):
         measure_strings(launcher, **change)  # type: ignore[arg-type]
-    assert [deed.what for deed in device.deeds] == ["booted"]
+    assert [action.what for action in device.actions] == ["booted"]
 
 
 def test_strings_beyond_the_limits_and_dry_launchers_measure_nothing() -> None:
@@ -207,7 +207,7 @@ def test_strings_beyond_the_limits_and_dry_launchers_measure_nothing() -> None:
     launcher.settings = replace(OURS, limits=replace(OURS.limits, cue_speed=(0.3, 2.2)))
     with launcher, pytest.raises(BadInput, match="the limits are"):
         measure_strings(launcher)
-    assert [deed.what for deed in device.deeds] == ["booted"]
+    assert [action.what for action in device.actions] == ["booted"]
     with pytest.raises(BadInput, match="dry"):
         measure_strings(Launcher(OURS, None, dry_run=True))
 

@@ -57,7 +57,7 @@ def test_play_on_the_emulator_from_the_command_line(run: Run, plan: Path, tmp_pa
     write_model(MODEL, hidden)
     said = run("play", plan, "--clips", tmp_path / "set", "--model", hidden, "--seed", 5)
     assert said.status == 0, said
-    assert "no --port: on the emulated launcher" in said.out and "object ball: " in said.out
+    assert "no --port: using the emulated launcher" in said.out and "object ball: " in said.out
     assert played_file(plan).exists() and len(read_clip_set(tmp_path / "set").clips) == 1
 
 
@@ -79,10 +79,10 @@ def test_bad_input_is_one_line_and_status_2(run: Run, plan: Path, tmp_path: Path
     write_settings(dataclasses.replace(OURS, limits=dataclasses.replace(OURS.limits, cue_speed=(0.3, 0.5))), settings)
     for words, part in (
         (("play", tmp_path / "none.json"), "none.json"),
-        (("play", plan, "--scene", moved), "ball blue lies 20."),
+        (("play", plan, "--scene", moved), "ball blue is 20."),
         (("play", plan, "--settings", settings), "the limits are 0.3 to 0.5"),
         (("play", plan, "--port", "/dev/none"), "cannot be opened"),
-        (("play", plan, "--port", "/dev/none", "--clips", "x"), "--clips: nobody films; give --camera and --video"),
+        (("play", plan, "--port", "/dev/none", "--clips", "x"), "--clips: the shot is not filmed"),
         (("play", plan, "--seed", "-1"), "--seed -1"),
         (("play", plan, "--fault-rate", "2"), "rate of faults is 2"),
         (("status", "--port", "/dev/none"), "cannot be opened"),
@@ -241,7 +241,7 @@ def test_a_launcher_of_the_paper_plays_a_plan_after_a_yes_and_nothing_else(
         ):
             said = run(*words, *at)
             assert said.status == 2 and len(said.err.splitlines()) == 1 and not struck(device), said
-            assert "by hand" in said.err or "takes 'NNNp' alone" in said.err
+            assert "by hand" in said.err or "accepts only 'NNNp'" in said.err
         said = run("stop", *at)
         assert said.status == 1 and "neither robot stop nor a silent controller stops it" in said.out
         said = run("play", plan, *at)
@@ -262,7 +262,7 @@ def test_a_port_gets_the_stroke_once_after_a_yes(run: Run, plan: Path, tmp_path:
         said = run("play", plan, "--port", port, "--scene", seen)
         assert said.status == 0 and "about to strike" in said.out and len(struck(device)) == 1
         said = run("play", plan, "--port", port, "--yes")
-        assert said.status == 0 and "nobody has looked" in said.out and len(struck(device)) == 2
+        assert said.status == 0 and "are not checked" in said.out and len(struck(device)) == 2
     told = json.loads(played_file(plan).read_text())
     assert told["struck"] == "yes" and told["potted"] is None and told["clip"] is None
 

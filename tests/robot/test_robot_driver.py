@@ -149,7 +149,7 @@ def test_a_shot_comes_back_as_it_was_done(bench: Bench) -> None:
         assert done.cue_speed == pytest.approx(speed, rel=0.005)
         assert (1e3 * side, 1e3 * height) == pytest.approx((-6, 5), abs=0.011)
     if bench.emulator is None and bench.device is not None:
-        assert [d.number for d in bench.device.deeds if d.what == "struck"] == [done.number] == [1]
+        assert [d.number for d in bench.device.actions if d.what == "struck"] == [done.number] == [1]
 
 
 def test_a_stroke_is_refused_before_the_retract(bench: Bench) -> None:

@@ -98,7 +98,7 @@ def test_a_restart_in_mid_stroke_is_not_known_and_not_repeated() -> None:
     bench.link.send_stroke = cut  # type: ignore[method-assign]
     with pytest.raises(StrokeUnknown, match="restarted in mid-stroke"):
         bench.launcher.strike("200p")
-    assert len(bench.deeds(0, "struck")) == 0
+    assert len(bench.actions(0, "struck")) == 0
     assert bench.device.memory.begun == 1
 
 
@@ -117,11 +117,11 @@ def test_a_cable_that_stays_out_after_the_stroke_leaves_it_unknown() -> None:
     with pytest.raises(StrokeUnknown, match="may have been made"):
         bench.launcher.strike("100p")
     bench.clock.sleep(60)
-    assert [d.string for d in bench.deeds(0, "struck")] == [100]
+    assert [d.string for d in bench.actions(0, "struck")] == [100]
     bench.recover()
     with pytest.raises(StrokeUnknown):
         bench.launcher.strike("100p")
-    assert len(bench.deeds(0, "struck")) == 2, "each stroke asked for was made once"
+    assert len(bench.actions(0, "struck")) == 2, "each stroke asked for was made once"
 
 
 def test_a_cable_back_in_time_tells_what_was_done() -> None:
@@ -198,7 +198,7 @@ def stop_times(state: str, count: int) -> list[float]:
                 taken = time.monotonic() - real
                 with emulator.lock:
                     assert device.status().state not in BUSY_STATES
-                    last = next(d for d in reversed(device.deeds) if d.what == "stopped")
+                    last = next(d for d in reversed(device.actions) if d.what == "stopped")
                 times.append(last.time - began)
                 assert stopped.confirmed
                 assert taken < 0.5

@@ -79,7 +79,7 @@ def played(
 
 
 def struck(device: Firmware) -> list[Any]:
-    return [deed for deed in device.deeds if deed.what == "struck"]
+    return [action for action in device.actions if action.what == "struck"]
 
 
 def expected(plan: Path, table: EmulatedTable, times: Array) -> Array:
@@ -101,7 +101,7 @@ def expected(plan: Path, table: EmulatedTable, times: Array) -> Array:
 def test_one_call_makes_one_stroke_and_leaves_the_cue_back(plan: Path) -> None:
     table = emulated(plan)
     outcome, device = played(plan, table)
-    assert [d.what for d in device.deeds] == [
+    assert [d.what for d in device.actions] == [
         "booted",
         "homed",
         "moved",
@@ -134,14 +134,14 @@ def test_the_planned_stroke_is_what_the_cue_ball_gets(tmp_path: Path, side: floa
     plan = straight_plan(tmp_path / "plan.json", side=side, height=height)
     table = emulated(plan, yaw_sd=0.0)
     _, device = played(plan, table)
-    [deed], told = struck(device), read_order(plan, OURS).cue
+    [action], told = struck(device), read_order(plan, OURS).cue
     assert table.made is not None
     velocity = table.made.velocity
     # What the planner's plain law leaves out, slate and damping, makes 3 %; the drive's ripple and scatter 1 % more.
     assert np.hypot(*velocity[:2]) == pytest.approx(told.speed, rel=0.05)
     assert math.atan2(velocity[1], velocity[0]) == pytest.approx(told.azimuth, abs=0.002)
-    assert deed.x * BALL.radius / (BALL.radius + 0.01) == pytest.approx(told.side, abs=1e-4)
-    assert deed.y * BALL.radius / (BALL.radius + 0.01) == pytest.approx(told.height, abs=1e-4)
+    assert action.x * BALL.radius / (BALL.radius + 0.01) == pytest.approx(told.side, abs=1e-4)
+    assert action.y * BALL.radius / (BALL.radius + 0.01) == pytest.approx(told.height, abs=1e-4)
 
 
 def test_the_same_seed_gives_the_same_film(plan: Path, tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_the_record_and_the_clip_tell_what_was_done(plan: Path, tmp_path: Path) 
     outcome, device = played(plan, emulated(plan), clips=tmp_path / "set")
     assert check_clip_set(tmp_path / "set") == []
     found = read_clip_set(tmp_path / "set")
-    [clip], [deed] = found.clips, struck(device)
+    [clip], [action] = found.clips, struck(device)
     stroke = json.loads(plan.read_text())["stroke"]
     assert clip.struck == "white" and clip.cue is not None and set(clip.balls) == {"white", "red", "blue"}
     assert dataclasses.asdict(clip.cue) == pytest.approx(stroke)
@@ -164,7 +164,7 @@ def test_the_record_and_the_clip_tell_what_was_done(plan: Path, tmp_path: Path) 
     assert set(told) == PLAYED_KEYS
     assert told["format"] == "billiard-played/1" and told["plan"] == "plan.json" and told["struck"] == "yes"
     assert told["clip"] == {"folder": str(tmp_path / "set"), "file": "clips/0001.csv"}
-    assert told["done"]["cue_speed"] == pytest.approx(deed.speed, rel=0.005)
+    assert told["done"]["cue_speed"] == pytest.approx(action.speed, rel=0.005)
     end = clip.balls["white"].xy[-1]
     assert told["cue_end"] == pytest.approx(end, abs=0.003)
     assert told["from_wanted"] == pytest.approx(math.dist(end, REST) - 0.05, abs=0.003)
@@ -295,7 +295,7 @@ def refused(plan: Path, settings: Settings = OURS, table: EmulatedTable | None =
     launcher, device = emulated_launcher(settings, lambda *hit: hits.append(hit), np.random.default_rng(1), say=quiet)
     with launcher, pytest.raises(BadInput) as caught:
         play_plan(plan, launcher, table, say=quiet, **more)
-    assert [d.what for d in device.deeds] == ["booted"] and not hits
+    assert [d.what for d in device.actions] == ["booted"] and not hits
     assert contents(plan.parent) == before
     text = str(caught.value)
     assert text.isprintable()
@@ -311,9 +311,9 @@ def test_another_scene_is_refused_by_the_ball_that_lies_wrong(plan: Path) -> Non
         return EmulatedTable(MODEL, moved, 0.0, options=EmulatedOptions(sigma=0.0))
 
     x, y = places["red"]
-    assert "ball red lies 12.0 mm from where the plan has it" in refused(plan, table=at(red=(x - 0.012, y)))
+    assert "ball red is 12.0 mm from its place in the plan" in refused(plan, table=at(red=(x - 0.012, y)))
     assert "ball blue is not seen" in refused(plan, table=at(blue=None))
-    assert "ball pink lies at 0.0000, 0.0000 and is not in the plan" in refused(plan, table=at(pink=(0.0, 0.0)))
+    assert "ball pink is at 0.0000, 0.0000, but not in the plan" in refused(plan, table=at(pink=(0.0, 0.0)))
     check_scene(order.scene, at(red=(x - 0.0049, y)).look(), plan)
     with pytest.raises(BadInput, match="ball red"):
         check_scene(order.scene, at(red=(x - 0.0051, y)).look(), plan)
@@ -322,9 +322,9 @@ def test_another_scene_is_refused_by_the_ball_that_lies_wrong(plan: Path) -> Non
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"string": "001p", "cue_speed": 2.75}, "string 001p gives 2.75 m/s of the cue; the limits are 0.3 to 2.2"),
+        ({"string": "001p", "cue_speed": 2.75}, "string 001p gives a cue speed of 2.75 m/s; the limits are 0.3 to 2.2"),
         ({"x0_mm": 15.0, "y0_mm": 15.0}, "stay within 0.5"),
-        ({"theta_deg": 170.0}, "yaw is 170.0 degrees; the stand turns -90.0 to 90.0"),
+        ({"theta_deg": 170.0}, "yaw is 170.0 degrees; the stand's range is -90.0 to 90.0"),
         ({"string": "47p"}, "give three digits"),
         ({"x0_mm": None}, "x0_mm of its launcher is None"),
         ({"cue_speed": 3.2}, "cue speed is 3.2 m/s"),
@@ -354,7 +354,7 @@ def test_settings_and_clips_of_another_ball_are_refused(plan: Path, tmp_path: Pa
     played(plan, emulated(plan), clips=tmp_path / "set")
     played_file(plan).unlink()
     said = refused(plan, table=emulated(plan, fps=60.0), clips=tmp_path / "set")
-    assert "its fps is 180.0, this camera's 60.0" in said
+    assert "its fps is 180.0, but this camera's is 60.0" in said
 
 
 def test_a_calibrated_launcher_gets_the_string_that_gives_the_planned_speed(plan: Path) -> None:

@@ -49,7 +49,7 @@ class Hand:
         end = self.time + seconds
         while not silent and self.time + protocol.BEAT_S < end:
             self.time += protocol.BEAT_S
-            self.device.receive(frame(":", protocol.UNSOLICITED_SEQUENCE, protocol.BEAT))
+            self.device.receive(frame(":", protocol.UNSOLICITED_SEQUENCE, protocol.BEAT_BODY))
         self.time = end
         return self.device.status()
 
@@ -85,7 +85,7 @@ class Hand:
 
 
 def struck(hand: Hand) -> list[int]:
-    return [d.string for d in hand.device.deeds if d.what == "struck"]
+    return [d.string for d in hand.device.actions if d.what == "struck"]
 
 
 @given(st.integers(0, 0xFFFF), BODIES)
@@ -207,10 +207,10 @@ def test_a_repeated_number_does_nothing_twice() -> None:
     line = frame(":", 77, "MOVE 5000 0")
     first = hand.device.receive(line)
     hand.wait()
-    moves = len(hand.device.deeds)
+    moves = len(hand.device.actions)
     assert hand.device.receive(line) == first
     hand.wait()
-    assert len(hand.device.deeds) == moves
+    assert len(hand.device.actions) == moves
     assert b"NO SEQUENCE" in hand.device.receive(frame(":", 77, "MOVE 0 0"))
 
 
@@ -284,10 +284,10 @@ def test_a_beat_has_no_answer_and_forgets_nothing() -> None:
     hand.ready()
     line = frame(":", 77, "MOVE 5000 0")
     first = hand.device.receive(line)
-    assert hand.device.receive(frame(":", 0, protocol.BEAT)) == b""
+    assert hand.device.receive(frame(":", 0, protocol.BEAT_BODY)) == b""
     assert hand.device.receive(line) == first
     hand.wait()
-    assert [d.x for d in hand.device.deeds if d.what == "moved"] == [pytest.approx(0.005)]
+    assert [d.x for d in hand.device.actions if d.what == "moved"] == [pytest.approx(0.005)]
 
 
 def test_a_launcher_of_the_paper_strikes_without_arming_and_stops_for_nothing() -> None:

@@ -62,7 +62,7 @@ def test_a_campaign_is_held_against_its_map(tmp_path: Path, capsys: pytest.Captu
     misses = np.array(column(read(tmp_path / "m.rrd")["/miss/squirt"], "Scalars:scalars"), float).ravel()
     assert misses[np.isfinite(misses)] == pytest.approx([-2.0, -2.0], abs=0.05)
     assert main(["review", str(tmp_path), *more[:2], "--save", str(tmp_path / "series.rrd")]) == 2
-    assert "belongs to a campaign" in capsys.readouterr().err
+    assert "applies to a campaign" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_films_of_a_rig_stand_beside_its_shots(tmp_path: Path, capsys: pytest.Ca
     (tmp_path / "c.csv").write_text("")
     words = ["--video", str(tmp_path), "--save", str(tmp_path / "c.rrd")]
     assert main(["review", str(tmp_path / "c.csv"), *words]) == 2
-    assert "belongs to a series" in capsys.readouterr().err
+    assert "applies to a series" in capsys.readouterr().err
 
 
 def at_rate(seen: Observation, rate: float) -> Observation:

@@ -70,11 +70,11 @@ BAD = {
     "bool": ({"timing": {"retries": True}}, "whole number"),
     "bounds": ({"timing": {"reply_s": 1000}}, "outside 0.01 to 10"),
     "nan": ({"limits": {"offset": math.nan}}, "not finite.* 0 to 0.6"),
-    "order": ({"limits": {"x_mm": [5, -5]}}, "smaller one first"),
+    "order": ({"limits": {"x_mm": [5, -5]}}, "smaller number first"),
     "pair": ({"limits": {"x_mm": [5]}}, "2 numbers in mm"),
     "count": ({"calibration": {"strings": [1, 2, 3], "speeds": [2, 1]}}, "as many"),
     "rising": ({"calibration": {"strings": [1, 2], "speeds": [1, 2]}}, "fall"),
-    "range": ({"calibration": {"strings": [0, 2], "speeds": [2, 1]}}, "rising, 1 to 200"),
+    "range": ({"calibration": {"strings": [0, 2], "speeds": [2, 1]}}, "rising whole numbers, 1 to 200"),
     "kind": ({"calibration": {"strings": "1", "speeds": [2, 1]}}, "a list of numbers"),
     "missing": ({"calibration": {}}, "strings is missing: add a list of numbers"),
 }
@@ -101,7 +101,7 @@ def test_speeds_outside_the_calibration_are_refused() -> None:
     ours = Settings().with_table([20, 180], [2.4, 0.5], "")
     with pytest.raises(BadInput, match="020p to 180p"):
         ours.check_speed(10)
-    with pytest.raises(BadInput, match=r"holds 0\.5 to 2\.4"):
+    with pytest.raises(BadInput, match=r"calibrated are 0\.5 to 2\.4"):
         ours.calibration.string(0.4)
     with pytest.raises(BadInput, match="the limits are"):
         replace(ours, limits=replace(ours.limits, cue_speed=(0.3, 2.0))).check_speed(20)

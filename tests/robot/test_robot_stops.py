@@ -112,7 +112,7 @@ def test_late_and_lost_replies_do_not_count_as_silence(tmp_path: Path) -> None:
 
             launcher._command = spoiled  # type: ignore[method-assign, assignment]
             launcher.move_tip(9, 9)
-        assert len(faults.done) >= len(kinds) and not [d for d in device.deeds if d.what == "silenced"], kinds
+        assert len(faults.done) >= len(kinds) and not [d for d in device.actions if d.what == "silenced"], kinds
 
 
 def test_old_firmware_is_refused_with_what_it_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +134,7 @@ def test_a_launcher_of_the_paper_is_struck_with_and_not_promised_anything(tmp_pa
             with pytest.raises(BadInput, match="home it at the launcher"):
                 launcher.home()
         with emulator.lock:
-            assert [d.string for d in device.deeds if d.what == "struck"] == [47]
+            assert [d.string for d in device.actions if d.what == "struck"] == [47]
     assert "neither robot stop nor a silent controller stops it" in said[0] and "set the tip to +2.00" in said[1]
     assert np.isnan(done.cue_speed) and not done.dry and "not confirmed" in done.noted[0]
     assert [json.loads(line)["sent"] for line in log.read_text().splitlines()] == ["047p"]
@@ -191,4 +191,4 @@ def test_a_program_that_ends_badly_stops_the_launcher(way: str) -> None:
         time.sleep(0.05)
         with emulator.lock:
             assert device.status().state == "STOPPED"
-            assert next(d.what for d in device.deeds if d.what in ("stopped", "silenced")) == "stopped"
+            assert next(d.what for d in device.actions if d.what in ("stopped", "silenced")) == "stopped"

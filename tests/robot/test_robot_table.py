@@ -197,7 +197,7 @@ def test_a_stroke_is_filmed_from_the_yes_on_and_the_clip_is_kept(eye: Eye, optio
     clips, order = tmp_path / "set", read_order(eye.plan, OURS)
     said = run("play", eye.plan, *options, "--clips", clips)
     assert said.status == 0 and "aligned (0.00 degrees off)" in said.out and f"clip: {clips}" in said.out, said
-    assert said.out.startswith("needed:\n") and f"the balls where {eye.plan} has them, within 5 mm" in said.out
+    assert said.out.startswith("needed:\n") and f"the balls at the positions in {eye.plan}, within 5 mm" in said.out
     turned = f"aligned to {order.yaw_deg:.2f}, ball told"
     assert eye.asked == [(turned, 0), ("said yes", 0), ("armed", 0), ("filmed", 1)]
     [clip] = read_clip_set(clips).clips
@@ -227,7 +227,7 @@ def test_nothing_is_struck_from_a_stand_that_is_not_aligned_or_at_other_balls(ey
     eye.off = 0.0
     eye.put({name: xy + np.array([0.02 * (name == "red"), 0.0]) for name, xy in eye.look().items()})
     said = run("play", eye.plan, *options, "--yes")
-    assert said.status == 2 and re.search(r"ball red lies (19|20)\.\d mm from where the plan has it", said.err)
+    assert said.status == 2 and re.search(r"ball red is (19|20)\.\d mm from its place in the plan", said.err)
     assert eye.devices[0].state == "UNHOMED" and not played_file(eye.plan).exists()
 
 
@@ -249,14 +249,14 @@ def test_options_that_do_not_go_together(eye: Eye, options: Any, tmp_path: Path)
     write_scene(read_order(eye.plan, OURS).scene, scene)
     before = contents(tmp_path)
     for words, part in (
-        (("play", eye.plan, *options, "--scene", scene), "the camera sees where the balls are"),
+        (("play", eye.plan, *options, "--scene", scene), "the camera sees the balls"),
         (("play", eye.plan, *port, *camera), "--camera CAM.toml and --video SOURCE go together"),
-        (("play", eye.plan, *port, "--clips", "x"), "--clips: nobody films"),
-        (("play", eye.plan, *options, "--model", eye.plan), "--model belongs to the emulated launcher"),
-        (("play", eye.plan, *video), "--video belongs to a launcher at a --port"),
-        ((*begun, *camera, *video), "--camera belongs to a launcher at a --port"),
+        (("play", eye.plan, *port, "--clips", "x"), "--clips: the shot is not filmed"),
+        (("play", eye.plan, *options, "--model", eye.plan), "--model applies to the emulated launcher"),
+        (("play", eye.plan, *video), "--video requires a launcher at a --port"),
+        ((*begun, *camera, *video), "--camera requires a launcher at a --port"),
         ((*begun, *port), "--port: a series needs a camera"),
-        ((*begun, *options, "--effect", "table_tilt"), "--effect belongs to the emulated table"),
+        ((*begun, *options, "--effect", "table_tilt"), "--effect applies to the emulated table"),
     ):
         refused(run(*words, "--yes"), str(words[0]), part)
         assert contents(tmp_path) == before and eye.devices[0].state == "UNHOMED"
@@ -266,9 +266,9 @@ def test_a_series_ends_where_nobody_lays_its_balls(eye: Eye, options: Any, tmp_p
     for word in ("q", None):
         answer(monkeypatch, eye, word)
         said = run("learn", "--out", tmp_path / "series", *options)
-        refused(said, "learn", "shot 1: not set up; the same command goes on from here")
+        refused(said, "learn", "shot 1: not set up; the same command continues from here")
         needs, asked = said.out.split("an interrupt (Ctrl-C) stops the launcher\n")
-        assert needs.startswith("needed:\n  - the launcher at ") and "camera 0 where it stood for cam.toml" in needs
+        assert needs.startswith("needed:\n  - the launcher at ") and "camera 0 in the position of cam.toml" in needs
         assert asked.startswith("shot 1: put white ") and eye.asked.pop() == (f"said {word}", 0) and not eye.asked
 
 
@@ -311,12 +311,12 @@ def test_balls_are_asked_for_until_they_are_seen_in_their_places(eye: Eye) -> No
 def test_a_scene_that_is_not_laid_or_of_another_table_ends_it(eye: Eye) -> None:
     asked, answers = list[str](), iter([True, True, False])
     eye.put({"red": SCENE.position[1]})
-    with pytest.raises(BadInput, match="shot 3: not set up; the same command goes on"):
+    with pytest.raises(BadInput, match="shot 3: not set up; the same command continues"):
         stand_of(eye, lambda text: next(answers)).set_up(SCENE, 3)
     assert eye.said == ["white is not seen"] * 2
     with pytest.raises(BadInput, match="shot 3: white is not seen; check that"):
         stand_of(eye, asked.append).set_up(SCENE, 3)
-    with pytest.raises(BadInput, match="begin with a model of this table"):
+    with pytest.raises(BadInput, match="start with a model of this table"):
         stand_of(eye, asked.append).set_up(dataclasses.replace(SCENE, table=Table(3.0, 1.5)), 3)
     assert len(asked) == MAX_PLACING_TRIES and not eye.devices
 
@@ -328,7 +328,7 @@ def test_the_stand_is_turned_to_the_plan_within_its_reach(eye: Eye) -> None:
     stand.turn(math.radians(30))
     assert eye.said == ["turn the stand to 30.0 degrees (its range is -90 to 90)"]
     stand.set_up(SCENE, 1).turn(math.radians(-80))
-    with pytest.raises(BadInput, match=r"yaw is 120\.0 degrees; the stand turns -90"):
+    with pytest.raises(BadInput, match=r"yaw is 120\.0 degrees; the stand's range is -90"):
         stand.turn(math.radians(120))
     stand.turn(math.radians(90.0) + 1e-15)
     assert [what for what, _ in eye.asked] == ["aligned to 30.00", "aligned to -80.00, ball told", "aligned to 90.00"]

@@ -93,7 +93,7 @@ def test_sentences_tell_the_medians() -> None:
     assert f"{promised:.1f} predicted and 7 seen, of 11 shots" in said
     assert "12 shots played, 1 refit" in said
     assert f"after 6 shots {', '.join(FOUND)}." in said
-    assert "Left unexplained: after the cushion +x." in said
+    assert "Unexplained: after the cushion +x." in said
     assert "The series ended: all 12 shots are played." in said
 
 
@@ -161,7 +161,7 @@ def test_tables_tell_every_shot_and_refit(page: str) -> None:
     assert noted[1] == "–"
     assert noted[NO_FILM] == "no film; the film is lost: the disk is &lt;full&gt;"
     assert noted[FELL] == "in-off"
-    assert "not known whether it was struck; no film; not seen where the cue ball ended" in noted[UNSEEN]
+    assert "unknown whether it was struck; no film; resting place of the cue ball not seen" in noted[UNSEEN]
 
 
 def test_what_is_not_known_is_a_dash(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from robot.device.protocol import GUARDED_STATES
 from robot.emulator.faults import REPLY_FAULTS, REQUEST_FAULTS, FaultInjection
-from robot.emulator.firmware import Deed, Firmware
+from robot.emulator.firmware import ExecutedAction, Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.stroke_motion import BRAKING_DECELERATION, paper_law
 
@@ -152,19 +152,19 @@ def _played(way: str, rng: np.random.Generator, rate: float) -> Round | None:
                 told, status = "", None
             time.sleep(2 * STANDS_WITHIN_S)  # whatever may still come, comes
             with emulator.lock:
-                deeds, interrupted = list(device.deeds), device.memory.interrupted
+                actions, interrupted = list(device.actions), device.memory.interrupted
         finally:
             controller.kill()
             controller.communicate()
-        stood, stopped, later = _judged(began, deeds, interrupted, goes_on=status is None)
+        stood, stopped, later = _judged(began, actions, interrupted, goes_on=status is None)
         lines = tuple(line for line in told.splitlines() if "of 12: " not in line)  # without its progress
         return Round(way, state, stopped, np.inf if moving else stood, later, said, status, lines)
 
 
-def _judged(began: float, deeds: list[Deed], interrupted: str, goes_on: bool) -> tuple[float, bool, int]:
+def _judged(began: float, actions: list[ExecutedAction], interrupted: str, goes_on: bool) -> tuple[float, bool, int]:
     """When the launcher stood [s], whether it was stopped, and strokes begun after that."""
-    stops = [d.time for d in deeds if d.what in ("stopped", "silenced")]
-    begun = [d for d in deeds if d.what == "begun"]
+    stops = [d.time for d in actions if d.what in ("stopped", "silenced")]
+    begun = [d for d in actions if d.what == "begun"]
     if not stops:  # what moved had come to its end
         return 0.0, False, 0 if goes_on else sum(d.time > began + STANDS_WITHIN_S for d in begun)
     stood = stops[0] - began

@@ -1,12 +1,12 @@
-"""Least squares of many small problems that share constants; knows of no balls.
+"""Least squares of many small problems that share constants; independent of billiards.
 
 In: residuals as a function of unknowns (`Objective`), priors and bounds. Out: unknowns, and the shared constants with
 their covariance (`Solution`).
 
     least_squares      many small problems at given constants: Levenberg-Marquardt, robust loss
     normal_equations   their information matrices and gradients
-    journal            what an interrupted run had found already
-    joint_fit          the constants that they share: Schur complement, covariance
+    journal            results of an interrupted run
+    joint_fit          the shared constants: Schur complement, covariance
 """
 
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint

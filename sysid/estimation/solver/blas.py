@@ -1,4 +1,4 @@
-"""Matrices on one core while constants are fitted: so they round alike on any machine."""
+"""BLAS limited to one core during fits, so that results round alike on any machine."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Result = TypeVar("Result")
 
 
 def on_one_blas_thread(function: Callable[P, Result]) -> Callable[P, Result]:
-    """The function with BLAS on one thread; shots are spread over the cores in any case."""
+    """The function, run with BLAS on one thread; shots are distributed over the cores anyway."""
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> Result:
-        from threadpoolctl import threadpool_limits  # it sets a variable of the environment as it is imported
+        from threadpoolctl import threadpool_limits  # importing it sets an environment variable
 
         with threadpool_limits(limits=1, user_api="blas"):
             return function(*args, **kwargs)

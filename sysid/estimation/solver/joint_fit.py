@@ -1,6 +1,6 @@
 """Least squares over many small problems that share constants: initial states and constants together.
 
-In: an `Objective`, `SharedConstants` and where to begin. Out: a `Solution`: initial states, constants, covariance of
+In: an `Objective`, `SharedConstants` and start values. Out: a `Solution`: initial states, constants, covariance of
 the constants, whether it converged.
 
 Levenberg-Marquardt for the constants with the initial states eliminated. With J^T W J in blocks of initial states x and
@@ -9,7 +9,7 @@ constants c, and the gradient J^T W r,
     information = A_cc - A_cx A_xx^-1 A_xc        (Schur complement)
     gradient    = g_c  - A_cx A_xx^-1 g_x,
 
-each summed over the problems. Constants at a bound that would leave it are held there, and the others move as if they
+each summed over the problems. Constants at a bound that would cross it are held there, and the others move as if these
 were known (a projected Newton step; D. P. Bertsekas, SIAM Journal on Control and Optimization 20, 221, 1982).
 """
 
@@ -36,37 +36,37 @@ from sysid.estimation.solver.least_squares import (
 from sysid.estimation.solver.normal_equations import NormalEquations
 from sysid.estimation.solver.spread import by_parts
 
-MAX_STALLED_STEPS = 2  # in a row that improve nothing
-MAX_ATTEMPTS = 8  # at a step of the constants, ten times the damping each
+MAX_STALLED_STEPS = 2  # successive steps without improvement
+MAX_ATTEMPTS = 8  # attempts at a step of the constants, each with ten times the damping
 FIRST_DAMPING = 1e-4
-MAX_STATE_STEPS = 6  # of initial states, at most, for every step of the constants
-NEGLIGIBLE_LOSS = 0.5  # less than a standard deviation along any direction
-ROUGH_LOSS = 10.0  # times the tolerance: what a step may still predict where the loss is rough
-ARRIVED_SD = 0.02  # of a standard deviation: a predicted step that is small enough
-MIN_WIDTH_SD = 4.0  # standard deviations of a constant that must fit into its bounds, or the data do not determine it
-LEAST_SHARE = 1e-12  # of what tells of each constant, that tells of any direction: about what rounding leaves
+MAX_STATE_STEPS = 6  # iterations of initial states, at most, for every step of the constants
+NEGLIGIBLE_LOSS = 0.5  # a smaller change of the loss is less than a standard deviation in any direction
+ROUGH_LOSS = 10.0  # predicted improvement, in tolerances, that a rough loss may leave
+ARRIVED_SD = 0.02  # predicted step that is small enough, in standard deviations
+MIN_WIDTH_SD = 4.0  # least width of a determined constant's bounds, in its standard deviations
+LEAST_SHARE = 1e-12  # least information in any direction, relative to each constant's own: about the rounding error
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class SharedConstants:
-    """How the constants (q,) that all problems share may move."""
+    """Steps, bounds and prior of the constants (q,) that all problems share."""
 
     steps: Array  # (q,) finite differences
     bounds: Array  # (q, 2)
-    known: Prior | None = None  # (q,) known beside the data
+    known: Prior | None = None  # (q,) prior knowledge
 
     @property
     def width(self) -> Array:
-        """Of the bounds: (q,)."""
+        """Width of the bounds: (q,)."""
         return np.maximum(self.bounds[:, 1] - self.bounds[:, 0], 1e-12)
 
     def steps_from(self, c: Array) -> Array:
-        """Finite differences at constants (q,), inwards at an upper bound: what lies beyond it may change nothing."""
+        """Finite-difference steps at constants (q,); inwards at an upper bound, since beyond it nothing may change."""
         return np.where(c + self.steps > self.bounds[:, 1], -self.steps, self.steps)
 
     def prior(self, start: Array) -> Prior:
-        """What is known of the constants; the bounds' width is the sd of one of which nothing is known.
+        """Prior of the constants; the sd of an otherwise unknown one is the width of its bounds.
 
         So a constant that the data do not determine stays near its start.
         """
@@ -79,7 +79,7 @@ class SharedConstants:
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """When a fit of constants ends."""
+    """Stopping rule of a fit of constants."""
 
     steps: int = 20  # of the constants, at most
     tolerance: float = 1e-5  # share of the loss
@@ -108,7 +108,7 @@ class ReducedSystem(NamedTuple):
 
 
 def eliminated(normal: NormalEquations, x: Array, prior: Prior) -> ReducedSystem:
-    """From normal equations of initial states x (n, p), then of constants."""
+    """Eliminate initial states x (n, p) from normal equations of these and of constants."""
     n, p = x.shape
     sd = np.broadcast_to(prior.sd, (n, p))
     axx = normal.matrix[:, :p, :p] + np.einsum("np,pq->npq", 1 / sd**2 + 1e-9, np.eye(p))
@@ -131,20 +131,20 @@ def fit_joint(
     objective: Objective, x: Array, c: Array, shared: SharedConstants, rule: StoppingRule | None = None,
     what: str = "fit",
 ) -> Solution:  # fmt: skip
-    """Shared constants (q,) with every problem's initial state fitted beside them.
+    """Fit shared constants (q,) together with every problem's initial state.
 
-    Converged means that the full (undamped) step that remains moves no constant by more than its standard deviation.
-    The covariance is the larger of the inverse information and the sandwich over problems, which holds where the model
-    is not quite right, and has that step in it. Noise that is correlated from sample to sample gives less information
-    than independent samples, by its correlation time.
+    Converged means that the remaining full (undamped) step moves no constant by more than its standard deviation. The
+    covariance is the larger of the inverse information and the sandwich over problems, which holds for a slightly
+    wrong model, and includes that step. Noise that is correlated from sample to sample reduces the information by its
+    correlation time.
 
     Args:
         objective: of all problems.
-        x: (n, p) where the initial states begin.
-        c: (q,) where the constants begin.
-        shared: how the constants may move.
+        x: (n, p) start values of the initial states.
+        c: (q,) start values of the constants.
+        shared: steps, bounds and prior of the constants.
         rule: when to stop.
-        what: is fitted, for the log.
+        what: name of the fit, for the log.
     """
     rule = rule or StoppingRule()
     joint = _Joint(objective, shared, shared.prior(c), rule)
@@ -168,7 +168,7 @@ def fit_joint(
 
 def is_within(step: Array, covariance: Array) -> bool:
     """Whether a step (q,) moves no constant by more than its standard deviation, where that is known (q, q)."""
-    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding leaves less than nothing of what hardly is known
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding may make the variance of a poorly known one negative
     return bool(np.all(np.abs(step)[np.isfinite(sd)] < sd[np.isfinite(sd)]))
 
 
@@ -186,7 +186,7 @@ def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...
         new = joint.lower(at, reduced, newton, 1 if arrived else MAX_ATTEMPTS)
         if new is None:
             break
-        # A loss that is rough at the scale of what is left to improve has no better optimum to offer.
+        # If the loss is rough on the scale of the remaining improvement, no better optimum can be found.
         threshold = rule.tolerance * at.cost
         stalled = stalled + 1 if at.cost - new.cost < threshold else 0
         rough = stalled >= MAX_STALLED_STEPS and newton.predicted < max(ROUGH_LOSS * threshold, NEGLIGIBLE_LOSS)
@@ -198,7 +198,7 @@ def _minimised(joint: _Joint, x: Array, c: Array, what: str) -> tuple[Array, ...
 
 @dataclass(frozen=True)
 class _Iterate:
-    """Where a joint fit is."""
+    """The current values of a joint fit."""
 
     x: Array  # (n, p)
     c: Array  # (q,)
@@ -207,7 +207,7 @@ class _Iterate:
 
 
 class _Newton(NamedTuple):
-    """The quadratic model of the loss over the constants, their prior included."""
+    """The quadratic model of the loss over the constants, including their prior."""
 
     hessian: Array  # (q, q)
     gradient: Array  # (q,)
@@ -243,7 +243,7 @@ class _Joint:
     rule: StoppingRule
 
     def cost(self, each: Array, c: Array) -> float:
-        """Loss of all problems (n,) and of the constants."""
+        """Loss of all problems (n,), plus that of the constants' prior."""
         return float(each.sum()) + 0.5 * float(np.sum(self.prior.residuals(c) ** 2))
 
     def reduced(self, x: Array, c: Array) -> ReducedSystem:
@@ -251,7 +251,7 @@ class _Joint:
         return reduced_system(self.objective, x, c, self.shared)
 
     def newton(self, reduced: ReducedSystem, c: Array) -> _Newton:
-        """The full step and the improvement that it predicts."""
+        """The full step and the improvement predicted for it."""
         h = reduced.information.sum(axis=0) + np.diag(1 / self.prior.sd**2)
         g = reduced.gradient.sum(axis=0) + (c - self.prior.mean) / self.prior.sd**2
         full, free = newton_step(h, g, c, self.shared.bounds)
@@ -264,7 +264,7 @@ class _Joint:
         return small or newton.predicted < self.rule.tolerance * at.cost
 
     def lower(self, at: _Iterate, reduced: ReducedSystem, newton: _Newton, attempts: int) -> _Iterate | None:
-        """A step that lowers the loss, damped as much as it takes; None where none is found."""
+        """A step that lowers the loss, damped as much as necessary; None if none is found."""
         damping, free = at.damping, newton.free
         h, g, step = newton.hessian[np.ix_(free, free)], newton.gradient[free], np.zeros(at.c.size)
         low, high = self.shared.bounds.T
@@ -280,7 +280,7 @@ class _Joint:
         return None
 
     def _best_start(self, at: _Iterate, reduced: ReducedSystem, c: Array) -> Array:
-        """Initial states for other constants: unchanged, moved with them, or by Newton's step; each problem's best."""
+        """Initial states for other constants: each problem's best of unchanged, moved with them, or a Newton step."""
         along = at.x - np.einsum("npq,q->np", reduced.state_by_constant, c - at.c)
         starts = self.objective.inside(np.stack([at.x, along, along - reduced.state_step], axis=1))
         return by_parts(best_of, self.objective, starts, c, np.arange(len(starts)))[0]
@@ -289,14 +289,14 @@ class _Joint:
 def covariance(
     information: Array, gradient: Array, width: Array, known: Array | None = None, correlation_time: float = 1.0
 ) -> Array:
-    """Covariance of the constants: (q, q); NaN for those known no better than a quarter of their bounds' width.
+    """Covariance of the constants: (q, q); NaN for those with an sd above a quarter of their bounds' width.
 
     Args:
         information: (n, q, q) of each problem.
         gradient: (n, q) of each problem's loss.
         width: (q,) of the bounds.
-        known: (q,) information on each constant beside the problems, 1 / sd^2.
-        correlation_time: of the noise [samples]; the residuals hold as much less information.
+        known: (q,) prior information on each constant, 1 / sd^2.
+        correlation_time: of the noise [samples], by which the residuals' information is divided.
     """
     h = information.sum(axis=0) / correlation_time
     q = len(h)
@@ -310,13 +310,13 @@ def covariance(
     size = np.sqrt(np.diag(h)[determined])
     scale = np.outer(size, size)
     value, way = np.linalg.eigh(h[k] / scale)
-    inverse = way / np.maximum(value, LEAST_SHARE) @ way.T / scale  # of a direction rounding may leave less than none
+    inverse = way / np.maximum(value, LEAST_SHARE) @ way.T / scale  # rounding may make an eigenvalue negative
     g = gradient[:, determined] / correlation_time
     g = g[np.any(g != 0, axis=1)]
     n = max(len(g), 1)
-    g = g - g.sum(axis=0) / n  # what they share is a step that remains, and no scatter
+    g = g - g.sum(axis=0) / n  # their common part is a remaining step, not scatter
     sandwich = inverse @ (g.T @ g) @ inverse * (n / max(n - determined.sum(), 1))
-    # Correlations are those of the information; standard deviations are the larger ones of both.
+    # Correlations are those of the information; standard deviations are the larger of both.
     grow = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300)))
     out[k] = inverse * np.outer(grow, grow)
     return out

@@ -1,11 +1,11 @@
-"""Fits that an interrupted run had finished: their answers, in the order in which they were asked for.
+"""Journal of finished fits, so that an interrupted run can continue: answers in the order of the questions.
 
-In: a file of JSON lines, of a run with the same fingerprint. Out: the answers there, as long as the questions are the
-same; every further answer is added to the file as soon as it is known.
+In: a file of JSON lines, from a run with the same fingerprint. Out: its answers, as long as the questions are the same;
+every further answer is appended to the file as soon as it is known.
 
-The same clips, model and sources ask for the same fits in the same order, to the last digit. So an interrupted run
-continues as the same run, whose first fits take no time, and ends with the same figures. A line holds numbers only,
-which are checked for their count and their bounds; whatever else the file holds is dropped from there on.
+The same clips, model and sources need the same fits in the same order, to the last digit. So an interrupted run
+repeats itself, its first fits take no time, and it ends with the same figures. A line holds numbers only, whose count
+and bounds are checked; from the first invalid line on the file is discarded.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class Journal:
     """The answers of a run, those of an earlier one first."""
 
     def __init__(self, path: Path, fingerprint: str) -> None:
-        """Read what an earlier run has left, if its fingerprint is the same."""
+        """Read the journal of an earlier run, if its fingerprint is the same."""
         self.path, self._began = path, time.monotonic()
         self._head = json.dumps({"format": JOURNAL_FORMAT, "of": fingerprint})
         text = (read_text(path, str(path), Faults(), "", MAX_JOURNAL_BYTES) if path.exists() else None) or ""
-        whole = text[: text.rfind("\n") + 1].splitlines()  # an incomplete last line is none
+        whole = text[: text.rfind("\n") + 1].splitlines()  # an incomplete last line does not count
         self._old = whole[1:] if whole[:1] == [self._head] else []
         self._used, self._spent = 0, 0.0
-        self._kept = bool(self._old) and text.endswith("\n")  # whether the file is as far as it was read
+        self._kept = bool(self._old) and text.endswith("\n")  # whether the file ends where it was read to
 
     @property
     def found(self) -> int:
@@ -56,12 +56,12 @@ class Journal:
         return self._spent + time.monotonic() - self._began
 
     def answer(self, asked: str, shapes: Sequence[tuple[int, ...]]) -> tuple[Array, ...] | None:
-        """The next answer of the earlier run, if that is to the same question and of these shapes."""
+        """The next answer of the earlier run, if its question and shapes are the same."""
         if self._used == len(self._old):
             return None
         try:
             entry = json.loads(self._old[self._used][:MAX_JSON_BYTES])
-        except (ValueError, RecursionError):  # a longer line is none
+        except (ValueError, RecursionError):  # not a line of a journal
             entry = None
         found = _numbers(entry, shapes) if isinstance(entry, dict) and entry.get("asked") == asked else None
         if found is None:
@@ -74,12 +74,12 @@ class Journal:
         return found
 
     def drop(self, last: bool = False) -> None:
-        """Forget what the earlier run has from here on; with the `last` answer, if that is not one."""
+        """Discard the earlier run's answers from here on; with `last` also the previous one."""
         self._used -= last
         self._old, self._kept = self._old[: self._used], False
 
     def add(self, asked: str, found: Sequence[Array]) -> None:
-        """Write a new answer to the file."""
+        """Append a new answer to the file."""
         numbers = [np.asarray(values, float).ravel().tolist() for values in found]
         line = json.dumps({"asked": asked, "elapsed_s": self.elapsed, "numbers": numbers})
         if not self._kept:
@@ -89,7 +89,7 @@ class Journal:
 
 
 def _numbers(entry: dict[str, Any], shapes: Sequence[tuple[int, ...]]) -> tuple[Array, ...] | None:
-    """Arrays of these shapes from an entry; None where it holds anything else."""
+    """Arrays of these shapes from an entry; None if it holds anything else."""
     lists = entry.get("numbers")
     if not isinstance(lists, list) or len(lists) != len(shapes):
         return None
@@ -106,7 +106,7 @@ _journal: ContextVar[Journal | None] = ContextVar("journal", default=None)
 
 @contextlib.contextmanager
 def recorded_in(journal: Journal | None) -> Iterator[None]:
-    """Fits inside are answered by a journal, and written to it; None for not at all."""
+    """Within this context fits are taken from a journal, or appended to it; None disables it."""
     token = _journal.set(journal)
     try:
         yield
@@ -120,13 +120,13 @@ def recorded(
     shapes: Sequence[tuple[int, ...]],
     fits: Callable[[tuple[Array, ...]], bool],
 ) -> tuple[Array, ...]:
-    """What `work` gives; from the journal, where one is kept and knows it.
+    """The result of `work`, from the journal if one is in use and has it.
 
     Args:
-        work: the computation; what it asks for in turn is not recorded.
-        question: what distinguishes it from others.
-        shapes: of what it gives.
-        fits: whether an answer of the journal is within its bounds.
+        work: the computation; nested calls are not recorded.
+        question: text that identifies the computation.
+        shapes: of its results.
+        fits: whether an answer from the journal is within its bounds.
     """
     journal = _journal.get()
     if journal is None:

@@ -1,11 +1,11 @@
-"""Least squares over many small problems at once, each with an initial state, at given constants.
+"""Least squares of many small problems at once, each with its initial state, at given constants.
 
 In: an `Objective`: residuals as a function of initial states and constants, finite-difference steps, prior, loss.
 Out: the initial states with the lowest loss. joint_fit.py beside it fits the constants that problems share.
 
-Every iteration asks for all residuals and their finite differences in one call, which is one batch of simulations.
-Levenberg-Marquardt with Marquardt's scaling and a damping for every problem, which ends where the full step predicts
-no improvement; a step that fails follows the bend of its valley (`_Local.step`). The loss is Cauchy's,
+Every iteration evaluates all residuals and their finite differences in one call, that is, one batch of simulations.
+Levenberg-Marquardt with Marquardt's scaling and a damping for each problem, which ends when the full step predicts no
+improvement; a step that fails is bent along its valley (`_Local.step`). The loss is Cauchy's,
 c^2/2 log(1 + (r/c)^2), by reweighting.
 """
 
@@ -31,14 +31,14 @@ from sysid.estimation.solver.spread import by_parts
 Array = NDArray[np.float64]
 FIRST_STATE_DAMPING = 1e-3
 MIN_DAMPING = 1e-9
-MAX_STEP_SD, SHORT_STEP_SD = 0.3, 0.1  # of what a difference tells of its unknown: its longest step, a shortened one
-MAX_SHORTENINGS = 3  # as a difference that is far too long tells too little
-MAX_STATE_ATTEMPTS = 6  # at a step of the initial states, ten times the damping each
-BATCH_PROBLEMS = 32  # whose residuals are in memory at a time, once for each finite difference
-PROBED = 0.1  # of a step, over which its bend is measured
+MAX_STEP_SD, SHORT_STEP_SD = 0.3, 0.1  # longest finite-difference step, and a shortened one, over the sd
+MAX_SHORTENINGS = 3  # attempts, since far too long a difference underestimates the slope
+MAX_STATE_ATTEMPTS = 6  # attempts at a step of the initial states, each with ten times the damping
+BATCH_PROBLEMS = 32  # problems whose residuals are in memory at a time, once for each finite difference
+PROBED_SHARE = 0.1  # share of a step over which its curvature is measured
 NO_STEPS = np.zeros(0)
 NO_BOUNDS = np.array([[-np.inf, np.inf]])
-SINGULAR_SHARE = 1e-9  # eigenvalue of a scaled matrix up to which nothing is determined
+SINGULAR_SHARE = 1e-9  # largest eigenvalue of a scaled matrix that counts as undetermined
 Mask = NDArray[np.bool_]
 Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
 """(k, p) initial states, (k, q) constants, (k,) problem numbers -> (k, m) residuals in units of noise, NaN unused."""
@@ -46,7 +46,7 @@ Evaluate = Callable[[Array, Array, NDArray[np.int64]], Array]
 
 @dataclass(frozen=True)
 class Prior:
-    """Gaussian knowledge of unknowns: residuals (x - mean) / sd beside the data; sd inf is none."""
+    """Gaussian prior of unknowns, which adds the residuals (x - mean) / sd; sd is inf without knowledge."""
 
     mean: Array  # (n, p), or (p,) of every problem
     sd: Array  # the same shape
@@ -56,51 +56,51 @@ class Prior:
         return (x - self.mean) / self.sd
 
     def only(self, rows: NDArray[np.int64]) -> Prior:
-        """That of some problems."""
+        """The prior of some problems."""
         return self if self.mean.ndim == 1 else Prior(self.mean[rows], self.sd[rows])
 
 
 @dataclass(frozen=True)
 class Objective:
-    """What a fit of initial states minimises: the robust loss of all residuals and half the squares of the prior's."""
+    """The objective of a fit of initial states: robust loss of all residuals plus half the prior's squares."""
 
     evaluate: Evaluate
     steps: Array  # (p,) finite differences of the initial state
     prior: Prior  # of the initial states
     cauchy_sd: float  # Cauchy's constant, in standard deviations; inf is least squares
-    correlation_time: float = 1.0  # of the noise [samples]: so many count as one
+    correlation_time: float = 1.0  # of the noise [samples]: that many samples count as one
     bounds: Array = field(default_factory=NO_BOUNDS.copy)  # (p, 2) of the initial state, or (1, 2)
-    part: Callable[[NDArray[np.int64]], Evaluate] | None = None  # `evaluate` of some, for other processes
-    lengths: NDArray[np.int64] | None = None  # (n,) residuals of each, for `evaluate` of some to give the longest's
+    part: Callable[[NDArray[np.int64]], Evaluate] | None = None  # `evaluate` of some problems, for other processes
+    lengths: NDArray[np.int64] | None = None  # (n,) number of residuals of each problem
     free: Mask | None = None  # (n, p) which unknowns each has; None for all
-    rough: bool = False  # whether residuals are too rough for differences over shorter steps
+    rough: bool = False  # whether residuals are too rough for shorter finite-difference steps
 
     def batches(self, which: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-        """Places of problems (n,) in batches whose residuals are in memory at a time, of alike length."""
+        """Batches of problems (n,) of similar length whose residuals are in memory at a time, as positions."""
         return batches(which if self.lengths is None else self.lengths[which])
 
     def only(self, rows: NDArray[np.int64]) -> Objective | None:
-        """That of some problems, for other processes; None where it cannot leave this one."""
+        """The objective of some problems, for other processes; None if it cannot leave this one."""
         if self.part is None:
             return None
         return dataclasses.replace(self, evaluate=self.part(rows), prior=self.prior.only(rows), part=None)
 
     def inside(self, x: Array) -> Array:
-        """Initial states (..., p), moved to where they may be."""
+        """Initial states (..., p), clipped to their bounds."""
         return np.clip(x, self.bounds[:, 0], self.bounds[:, 1])
 
     def holds(self, x: Array) -> bool:
-        """Whether initial states (..., p) are where they may be."""
+        """Whether initial states (..., p) are within their bounds."""
         return bool(np.all(self.inside(x) == x))
 
 
 def loss(residuals: Array, c: float) -> Array:
-    """Half the loss of every problem: (n,) for (n, m) residuals; NaN counts nothing, infinite c is least squares."""
+    """Half the loss of every problem: (n,) for (n, m) residuals; NaN is ignored, infinite c is least squares."""
     return robust_loss(residuals, c)
 
 
 def weights(residuals: Array, c: float) -> Array:
-    """Weights that make least squares follow the loss: (n, m)."""
+    """Weights with which least squares reproduces the loss: (n, m)."""
     r = np.nan_to_num(residuals)
     return np.isfinite(residuals) / (1.0 + (r / c) ** 2)
 
@@ -124,7 +124,7 @@ class Moves:
     x: Array  # (k, p)
     c: Array  # (k, q)
     which: NDArray[np.int64]  # (k,)
-    made: Mask  # (1 + p + q, n) which of the moves these are
+    made: Mask  # (1 + p + q, n) which moves are included
 
     @classmethod
     def of(
@@ -144,7 +144,7 @@ class Moves:
         return cls(rows[made], constants[made], np.broadcast_to(which, made.shape)[made], made)
 
     def laid_out(self, found: Array) -> Array:
-        """What was found for each (k, m) as (1 + p + q, n, m): without a move as at the point."""
+        """Results (k, m) arranged as (1 + p + q, n, m); moves that are not included repeat the point."""
         if self.made.all():
             return found.reshape(*self.made.shape, -1)
         n = self.made.shape[1]
@@ -167,12 +167,12 @@ def differences(
 def solve_each(matrix: Array, right: Array) -> Array:
     """Solutions (n, p, k) of symmetric systems (n, p, p) with right-hand sides (n, p, k); singular ones regularised.
 
-    A singular matrix is scaled by the root of its diagonal and solved by its pseudoinverse: what it does not determine
-    does not move. What is not finite gives 0.
+    A singular matrix is scaled by the root of its diagonal and solved by its pseudoinverse, so that undetermined
+    directions do not move. Solutions that are not finite become 0.
     """
     try:
         found = np.linalg.solve(matrix, right)
-    except np.linalg.LinAlgError:  # of one, which must not change the others
+    except np.linalg.LinAlgError:  # one singular matrix must not affect the others
         found = np.full_like(right, np.nan)
         for k in range(len(matrix)):
             with contextlib.suppress(np.linalg.LinAlgError):
@@ -206,15 +206,15 @@ def fit_each(
     which: NDArray[np.int64] | None = None,
     tolerance: float = 1e-4,
 ) -> tuple[Array, Array]:
-    """Initial states of problems at constants c (q,), and the loss of each: (n, p), (n,).
+    """Fit initial states at constants c (q,); returns them with the loss of each problem: (n, p), (n,).
 
     Args:
         objective: of all problems.
-        x: (n, p) where the initial states begin.
+        x: (n, p) start values of the initial states.
         c: (q,) constants.
-        iterations: at most.
+        iterations: largest number of iterations.
         which: (n,) numbers of the problems; None for all in order.
-        tolerance: share of its loss that a full step must predict as improvement for a problem to be continued.
+        tolerance: a problem ends when its full step predicts a smaller improvement, as a share of its loss.
     """
     which = np.arange(len(x)) if which is None else which
 
@@ -264,22 +264,22 @@ def _fit_batch(
 
 @dataclass(frozen=True)
 class _Local:
-    """n problems about a point, and steps from there."""
+    """The local quadratic model of n problems, and steps from there."""
 
     objective: Objective
     x: Array  # (n, p)
     c: Array  # (q,)
     which: NDArray[np.int64]  # (n,)
     prior: Prior  # (n, p)
-    cost: Array  # (n,) the prior's with it
-    matrix: Array  # (n, p, p) J^T W J, the prior's with it
+    cost: Array  # (n,) including the prior
+    matrix: Array  # (n, p, p) J^T W J, including the prior
     gradient: Array  # (n, p)
     rows: Array  # (1 + p, n, m) residuals here, and with each unknown moved
-    steps: Array  # (n, p) by which
+    steps: Array  # (n, p) of those moves
 
     @classmethod
     def at(cls, objective: Objective, x: Array, c: Array, which: NDArray[np.int64]) -> _Local:
-        """From finite differences."""
+        """Build the model from finite differences."""
         data, rows, share = _differenced(objective, x, c, which, NO_STEPS)
         known = objective.prior.only(which)
         prior = Prior(np.broadcast_to(known.mean, x.shape), np.broadcast_to(known.sd, x.shape))
@@ -298,14 +298,14 @@ class _Local:
 
     @property
     def predicted(self) -> Array:
-        """Improvement of the cost by the full step, were it quadratic: (n,)."""
+        """Improvement of the cost by the full step in the quadratic model: (n,)."""
         full = solve_each(self.matrix, self.gradient[..., None])[..., 0]
         return np.asarray(0.5 * np.einsum("np,np->n", self.gradient, full))
 
     def step(self, some: NDArray[np.int64], damping: Array) -> tuple[Array, Array]:
         """States (k, p) after a step of some problems with a damping each (k,), and their cost (k,).
 
-        After a dozen impacts the cost has narrow valleys, which bend. Where it does not fall, the step follows the bend
+        After a dozen impacts the cost has narrow curved valleys. If it does not fall, the step is bent along the valley
         (geodesic acceleration: M. K. Transtrum and J. P. Sethna, arXiv:1201.5885), if that is better.
         """
         matrix = self.matrix[some]
@@ -318,10 +318,11 @@ class _Local:
             return x, cost
         rows, along = some[bent], straight[bent]
         ahead, behind = (
-            self.played(self.objective.inside(self.x[rows] + part * along), rows)[0] for part in (PROBED, -PROBED)
+            self.played(self.objective.inside(self.x[rows] + part * along), rows)[0]
+            for part in (PROBED_SHARE, -PROBED_SHARE)
         )
         now = self.rows[:, rows, : ahead.shape[1]]  # as long as the longest of them
-        curvature = (ahead - 2 * now[0] + behind) / PROBED**2
+        curvature = (ahead - 2 * now[0] + behind) / PROBED_SHARE**2
         right = projected(now, self.steps[rows], curvature, self.objective.cauchy_sd)
         bend = -0.5 * solve_each(damped[bent], right[..., None])[..., 0]
         curved = self.objective.inside(self.x[rows] + along + bend)
@@ -339,7 +340,7 @@ def linearised(objective: Objective, x: Array, c: Array, which: NDArray[np.int64
 def _normal_equations(
     objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array
 ) -> tuple[Array, ...]:
-    """See `linearised`: loss, matrix and gradient."""
+    """Loss, matrix and gradient, as in `linearised`."""
     n, k = len(x), x.shape[1] + len(steps_c)
     loss, matrix, gradient = np.empty(n), np.empty((n, k, k)), np.empty((n, k))
     for rows in objective.batches(which):
@@ -349,7 +350,7 @@ def _normal_equations(
 
 
 def batches(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Numbers of problems with so many residuals each (n,), in batches of alike ones."""
+    """Batches of problems of similar numbers of residuals (n,), as indices."""
     order = np.argsort(lengths, kind="stable")
     return np.split(order, range(BATCH_PROBLEMS, len(order), BATCH_PROBLEMS))
 
@@ -357,11 +358,10 @@ def batches(lengths: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 def _differenced(
     objective: Objective, x: Array, c: Array, which: NDArray[np.int64], steps_c: Array
 ) -> tuple[NormalEquations, Array, Array]:
-    """Normal equations from finite differences, over shorter steps where they tell more of an unknown than that.
+    """Normal equations from finite differences, whose steps are shortened where an unknown is known better than these.
 
-    With the residuals (1 + k, n, m) that they are of, and the share (n,) of the steps over which they are taken. After
-    a dozen impacts an initial state is known to a millionth of a millimetre, and a difference over a thousandth says
-    nothing of the slope.
+    Also returns their residuals (1 + k, n, m), and the share (n,) of the steps used. After a dozen impacts an initial
+    state is known to a millionth of a millimetre, and a difference over a thousandth does not show the slope.
     """
     steps = np.concatenate([objective.steps, steps_c])
     free = None if objective.free is None else objective.free[which]
@@ -369,11 +369,11 @@ def _differenced(
     found = from_differences(rows, steps, objective.cauchy_sd)
     share = np.ones(len(x))
     for _ in range(0 if objective.rough else MAX_SHORTENINGS):
-        told = np.sqrt(np.max(np.einsum("npp->np", found.matrix) * steps**2, axis=1, initial=0.0))  # steps over sd
-        far = np.flatnonzero(share * told > MAX_STEP_SD)
+        in_sd = np.sqrt(np.max(np.einsum("npp->np", found.matrix) * steps**2, axis=1, initial=0.0))  # steps over sd
+        far = np.flatnonzero(share * in_sd > MAX_STEP_SD)
         if not far.size:
             break
-        share[far] = SHORT_STEP_SD / told[far]
+        share[far] = SHORT_STEP_SD / in_sd[far]
         now = moved(
             objective.evaluate, x[far], c, which[far], objective.steps, steps_c, share[far],
             None if free is None else free[far],
@@ -386,7 +386,7 @@ def _differenced(
 
 
 def best_of(objective: Objective, starts: Array, c: Array, which: NDArray[np.int64]) -> tuple[Array, ...]:
-    """Of several initial states of each problem, (n, count, p), those of the least loss: (n, p)."""
+    """The best of several initial states of each problem (n, count, p), by loss: (n, p)."""
     n, count, p = starts.shape
     r = objective.evaluate(starts.reshape(-1, p), np.tile(c, (n * count, 1)), np.repeat(which, count))
     prior = objective.prior.only(which)

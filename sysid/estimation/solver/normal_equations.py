@@ -1,4 +1,4 @@
-"""What least squares need of residuals and their finite differences, summed up in one pass, compiled."""
+"""Normal equations of least squares from residuals and their finite differences, summed in one compiled pass."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Of n problems with k unknowns each, prior knowledge left out."""
+    """Normal equations of n problems with k unknowns each, without priors."""
 
     loss: Array  # (n,) half the robust loss
     matrix: Array  # (n, k, k) J^T W J
@@ -27,7 +27,7 @@ class NormalEquations:
 def robust_loss(residuals: Array, c: float) -> Array:
     """Half of Cauchy's loss, c^2/2 log(1 + (r/c)^2), of every problem: (...,) for residuals (..., m).
 
-    NaN counts nothing; infinite c is least squares.
+    NaN is ignored; infinite c is least squares.
     """
     flat = np.ascontiguousarray(residuals, float).reshape(-1, residuals.shape[-1])
     out = np.empty(len(flat))
@@ -47,15 +47,15 @@ def _losses(residuals, c, out, first, last):  # type: ignore[no-untyped-def]
 
 
 def from_differences(rows: Array, steps: Array, c: float) -> NormalEquations:
-    """From residuals (1 + k, n, m) at a point and with each of k unknowns moved by its step; loss of Cauchy's c."""
+    """Normal equations from residuals (1 + k, n, m) at a point and with each of k unknowns moved; Cauchy's c."""
     rows = np.ascontiguousarray(rows)
     return _summed(rows[0], rows[1:], np.ascontiguousarray(steps, float), c)
 
 
 def from_columns(residuals: Array, columns: Sequence[Array], c: float) -> Iterator[NormalEquations]:
-    """From residuals (n, m) and their finite derivatives by k unknowns, (n, m) each: of one problem after the other.
+    """Normal equations of one problem after the other, from residuals (n, m) and k finite derivatives (n, m).
 
-    There may be thousands of unknowns, so that the matrices of all problems would fill the memory.
+    With thousands of unknowns the matrices of all problems together would fill the memory.
     """
     for one, r in enumerate(residuals):
         used = np.isfinite(r)
@@ -67,7 +67,7 @@ def from_columns(residuals: Array, columns: Sequence[Array], c: float) -> Iterat
 
 
 def from_derivatives(residuals: Array, rows: Array, c: float) -> NormalEquations:
-    """From residuals (n, m) and their derivatives by each unknown (k, n, m)."""
+    """Normal equations from residuals (n, m) and their derivatives by each unknown (k, n, m)."""
     return _summed(np.ascontiguousarray(residuals), np.ascontiguousarray(rows), np.zeros(0), c)
 
 
@@ -76,8 +76,8 @@ def projected(rows: Array, steps: Array, vectors: Array, c: float) -> Array:
 
     Args:
         rows: (1 + k, n, m) residuals at a point, and with each of k unknowns moved.
-        steps: (n, k) by which.
-        vectors: v; what is not finite counts nothing.
+        steps: (n, k) of those moves.
+        vectors: v; entries that are not finite are ignored.
         c: Cauchy's constant.
     """
     out = np.empty(steps.shape)
@@ -89,7 +89,7 @@ def projected(rows: Array, steps: Array, vectors: Array, c: float) -> Array:
 @compiled_sums
 def _project(rows, steps, vectors, c, out, first, last):  # type: ignore[no-untyped-def]
     size = rows.shape[2]
-    derivative, along = np.empty(size), np.empty(size)  # of what counts alone: sums are those of any batch
+    derivative, along = np.empty(size), np.empty(size)  # of used entries only: sums do not depend on the batch
     for n in range(first, last):
         for k in range(steps.shape[1]):
             used = 0
@@ -103,7 +103,7 @@ def _project(rows, steps, vectors, c, out, first, last):  # type: ignore[no-unty
 
 
 def _summed(residuals: Array, rows: Array, steps: Array, c: float) -> NormalEquations:
-    """From residuals (n, m) and rows (k, n, m): residuals moved by steps (k,), or derivatives where there are none."""
+    """Normal equations from residuals (n, m) and rows (k, n, m): moved by steps (k,), or derivatives without steps."""
     k, n = rows.shape[:2]
     found = NormalEquations(np.empty(n), np.empty((n, k, k)), np.empty((n, k)))
 

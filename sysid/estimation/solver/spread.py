@@ -1,7 +1,7 @@
-"""Problems of a fit spread over workers: each gets some of them, with what was measured of these alone.
+"""Problems of a fit distributed over workers: each gets some problems with only their own measurements.
 
-In: a function of many problems, whose answer for each depends on that problem alone, to the last bit. Out: the same
-answer, whoever computes it. Few problems are computed here: sending them takes longer.
+In: a function of many problems whose answer for each depends on that problem alone, to the last bit. Out: the same
+answer, wherever it is computed. A few problems are computed locally, since sending them takes longer.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from models.workers import Workers
 
 Array = NDArray[np.float64]
-MIN_PROBLEMS_SENT = 16  # at a time: the way takes as long as it takes to play one shot some hundred times
-PARTS_PER_WORKER = 2  # so that one that is slower holds up the others less
+MIN_PROBLEMS_SENT = 16  # fewest problems sent at a time: sending takes as long as playing one shot some hundred times
+PARTS_PER_WORKER = 2  # parts for each worker, so that a slow one delays the others less
 
 
 class Divisible(Protocol):
-    """An objective of many problems, of which other processes may get some."""
+    """An objective of many problems that can be divided among processes."""
 
     def only(self, rows: NDArray[np.int64]) -> Divisible | None:
-        """That of some problems, with nothing of the others; None where it cannot leave this process."""
+        """The objective of some problems, without data of the others; None if it cannot leave this process."""
 
 
 _workers: ContextVar[Workers | None] = ContextVar("workers", default=None)
@@ -33,7 +33,7 @@ _workers: ContextVar[Workers | None] = ContextVar("workers", default=None)
 
 @contextlib.contextmanager
 def spread_over(workers: Workers | None) -> Iterator[None]:
-    """Fits inside are computed by workers; None for this process alone."""
+    """Within this context workers compute the fits; with None this process does."""
     token = _workers.set(workers)
     try:
         yield
@@ -45,10 +45,10 @@ def by_parts(
     function: Callable[..., tuple[Array, ...]], objective: Divisible, x: Array, c: Array, which: NDArray[np.int64],
     *more: Any,
 ) -> tuple[Array, ...]:  # fmt: skip
-    """What function(objective, x, c, which, *more) gives: arrays with a row for each problem.
+    """The result of function(objective, x, c, which, *more): arrays with a row for each problem.
 
     Args:
-        function: of a module.
+        function: defined at module level.
         objective: of all problems.
         x: (k, ...) initial states.
         c: (q,) constants.
@@ -61,7 +61,7 @@ def by_parts(
         return function(objective, x, c, which, *more)
     tasks = []
     for k in np.array_split(np.arange(len(x)), count):
-        some, place = np.unique(which[k], return_inverse=True)  # a problem may be asked for several times
+        some, place = np.unique(which[k], return_inverse=True)  # a problem may occur several times
         tasks.append((objective.only(some), x[k], c, place, *more))
     found = workers.in_turn(function, tasks)
     return tuple(np.concatenate(rows) for rows in zip(*found, strict=True))

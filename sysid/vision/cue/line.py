@@ -2,19 +2,19 @@
 
 In: a picture, its calibrated camera, the ball's place. Out: a `CueLine`, azimuth and offset of the cue's axis.
 
-A cue at rest is a thin bar that points to the ball: in all directions around it, strips are searched that stand out
-from the cloth on both sides in the same way. Sections across the best ones give both edges to a fraction of a pixel,
-and a robust line goes through their middles; a taper is symmetric, so they lie on the axis.
+A cue at rest is a thin bar that points to the ball: all directions around it are searched for strips that contrast
+with the cloth on both sides in the same way. Sections across the best ones give both edges to a fraction of a pixel,
+and a robust line is fitted to their middles; a taper is symmetric, so they lie on the axis.
 
 The camera sees a plane through its eye and the axis. With n its normal, e the eye, and d = (cos a cos r, sin a cos r,
 -sin r) the direction of a cue raised by r that pushes along the azimuth a,
 
     n . d = 0,  hence  nx cos a + ny sin a = nz tan r,
 
-which is solved for a; where the line passes the ball follows from n . (p - e) = 0 for a point p beside its centre.
-Leaves out how far above or below the centre the axis passes, which shifts what is seen but does not turn it, and that
-a shaft lit from one side seems to lie up to half a pixel to that side. The elevation is given; the effect of an error
-in it is noted.
+which is solved for a; the offset of the axis from the ball follows from n . (p - e) = 0 for a point p at the height of
+its centre. Left out: the height at which the axis passes the centre, which shifts the image but does not turn it, and
+that a shaft lit from one side appears up to half a pixel to that side. The elevation is given; the effect of an error
+in it is reported.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ SAMPLES_PER_PIXEL = 4  # along a section
 EDGE_BLUR_PX = 0.4  # of a section before its slope is taken
 MIN_EDGE_SLOPE = 3.0  # of an edge [grey levels a pixel]
 EDGE_SECTIONS = 5  # neighbouring sections averaged to find an edge
-STATION_STEP_M = 0.012  # between places along a strip
-MIN_CONTRAST = 8.0  # at which a strip begins to stand out [grey levels]
-MIN_STRIP_LENGTH_M = 0.06  # that stands out
-MAX_LINE_WIDTH_M, MAX_LINE_WIDTH_PX = 0.0065, 2.3  # of a chalk line, and of one as a camera blurs it: no cue
-LIGHT_SHIFT_PX = 0.1  # by which light and pixels may shift the middles at one end
-MAX_STRIPS = 6  # that are measured
-RIVAL_WEIGHT = 0.6  # of a second strip over that of the best one, which makes the result doubtful
-NEAR_ANGLE = math.radians(6)  # by which a cue may turn from one picture to the next [rad]
+STATION_STEP_M = 0.012  # distance between stations along a strip
+MIN_CONTRAST = 8.0  # least contrast of a strip [grey levels]
+MIN_STRIP_LENGTH_M = 0.06  # least length with that contrast
+MAX_LINE_WIDTH_M, MAX_LINE_WIDTH_PX = 0.0065, 2.3  # largest width of a chalk line, true and as blurred by a camera
+LIGHT_SHIFT_PX = 0.1  # shift of the middles at one end by light and pixels
+MAX_STRIPS = 6  # most strips that are measured
+RIVAL_WEIGHT = 0.6  # weight of a second strip over that of the best one that makes the result doubtful
+NEAR_ANGLE = math.radians(6)  # largest turn of a cue from one picture to the next [rad]
 
 
 @dataclass(frozen=True)
 class CueLine:
     """The axis of a cue at rest, seen from above."""
 
-    azimuth: float  # in which it would push the ball [rad]
-    azimuth_sd: float  # from the scatter of its edges, and what light does to them [rad]
+    azimuth: float  # direction in which it would push the ball [rad]
+    azimuth_sd: float  # from the scatter of its edges, and the shift by light [rad]
     offset: float  # of its axis from the ball's centre, > 0 to the left of the aim [m]
-    length: float  # of the part that was measured [m]
+    length: float  # of the measured part [m]
     noted: tuple[str, ...] = ()  # warnings for the operator
 
 
 @dataclass(frozen=True)
 class _Bar:
-    """A strip with its edges measured."""
+    """A strip with measured edges."""
 
     line: CueAxis
     sd: float  # of its slope
@@ -72,7 +72,7 @@ class _Bar:
 
     @property
     def weight(self) -> float:
-        """Length times edge slope: a cue's shadow is as long, but fainter."""
+        """Length times edge slope: a cue's shadow is equally long, but fainter."""
         return self.count * self.steep
 
 
@@ -86,10 +86,10 @@ def cue_direction(
         camera: that took it.
         ball_xy: (2,) the ball's centre [m].
         elevation: of the butt [rad].
-        near: azimuth about which the search is limited, for speed [rad]; None: all around.
+        near: azimuth around which the search is limited, for speed [rad]; None for all directions.
 
     Raises:
-        BadInput: no cue is seen, or the picture is not the camera's.
+        BadInput: no cue is found, or the picture has not the camera's size.
     """
     ball = np.asarray(ball_xy, float).reshape(-1)
     if ball.shape != (2,) or not np.isfinite(ball).all():
@@ -104,8 +104,8 @@ def cue_direction(
     found = [bar for bar in tried if bar is not None and bar.width > max(MAX_LINE_WIDTH_M, MAX_LINE_WIDTH_PX * scale)]
     if not found:
         raise BadInput(
-            f"no cue is seen behind the ball at {ball[0]:.3f}, {ball[1]:.3f} m; put it there with nothing over it, "
-            "and light it so that it stands out from the cloth"
+            f"no cue was found behind the ball at {ball[0]:.3f}, {ball[1]:.3f} m; put it there, uncovered, "
+            "and light it so that it contrasts with the cloth"
         )
     best = max(found, key=lambda bar: bar.weight)
     line, noted = best.line, []
@@ -128,7 +128,7 @@ def angle_between(one: CueLine | CueAxis, other: CueLine | CueAxis) -> float:
 
 
 def _strips(picture: Picture, camera: Camera, ball: Array, scale: float, near: float | None) -> list[CueAxis]:
-    """Lines to the ball along which a narrow strip stands out, the longest first."""
+    """Lines to the ball along which a narrow strip contrasts with the cloth, the longest first."""
     step = max(scale, 0.0015)
     side = SEARCH_LENGTH_M + MAX_AXIS_OFFSET_M + LANE_OFFSET_M + step
     ticks = np.arange(-side, side + step / 2, step)
@@ -154,7 +154,7 @@ def _strips(picture: Picture, camera: Camera, ball: Array, scale: float, near: f
 
 
 def _between(camera: Camera, points: Array, every: int) -> Array:
-    """Pixels (n, m, 2) of an even grid of points (n, m, 2) [m]: one in so many is projected, the rest lie between."""
+    """Pixels (n, m, 2) of an even grid of points (n, m, 2) [m]: some are projected, the others interpolated."""
     some = [np.unique(np.append(np.arange(0, n, every), n - 1)) for n in points.shape[:2]]
     rows, columns = (
         np.stack([np.interp(np.arange(n), at, one) for one in np.eye(len(at))], axis=1)
@@ -165,7 +165,7 @@ def _between(camera: Camera, points: Array, every: int) -> Array:
 
 
 def _standing(view: Image, step: float, angles: Array, sides: Array, behind: Array) -> Array:
-    """Number of stations at which strips at angles (n,) and offsets (m,) stand out from both sides alike: (n, m)."""
+    """Number of stations at which strips at angles (n,) and offsets (m,) contrast equally with both sides: (n, m)."""
     middle = (view.shape[0] - 1) / 2
     direction = np.exp(1j * angles)[:, None, None, None]
     lanes = sides[:, None, None] + np.array([0.0, -LANE_OFFSET_M, LANE_OFFSET_M])[:, None]
@@ -180,7 +180,7 @@ def _standing(view: Image, step: float, angles: Array, sides: Array, behind: Arr
 
 
 def _measured(line: CueAxis, picture: Picture, camera: Camera, scale: float) -> _Bar | None:
-    """The line through the middles of a bar, as seen on the plane of the balls' centres."""
+    """The line through the middles of a bar, projected onto the plane of the balls' centres."""
     step = max(scale / SAMPLES_PER_PIXEL, 1e-4)
     across = np.arange(-SECTION_HALF_WIDTH_M, SECTION_HALF_WIDTH_M + step / 2, step)
     behind = np.arange(camera.radius + 0.008, EDGE_LENGTH_M, SECTION_LENGTH_M / 4)
@@ -201,9 +201,9 @@ def _measured(line: CueAxis, picture: Picture, camera: Camera, scale: float) -> 
 def _sides(seen: Image, behind: Array, across: Array, scale: float) -> tuple[Array, Array, Array, Array]:
     """Where sections of a strip (n, m, c) are steepest on both sides.
 
-    How far behind (k,), their middle and width [m], and how steep [grey levels a pixel]. Halfway from the colour
-    within to that without would err where one side of the shaft is lit and the other is not; the steepest place does
-    not, since shades change slowly within.
+    Returns distances behind the ball (k,), middles and widths [m], and slopes [grey levels a pixel]. The half-way level
+    between the colours inside and outside would be biased if one side of the shaft is lit and the other is not; the
+    steepest place is not, since shades change slowly inside.
     """
     count = max(1, round(SECTION_LENGTH_M / (behind[1] - behind[0])))
     n = len(behind) // count
@@ -238,7 +238,7 @@ def _sides(seen: Image, behind: Array, across: Array, scale: float) -> tuple[Arr
 
 
 def _raised(line: CueAxis, camera: Camera, elevation: float) -> tuple[float, float]:
-    """Azimuth [rad] and offset to the left [m] of the raised cue that is seen as a line on the balls' plane."""
+    """Azimuth [rad] and offset to the left [m] of a raised cue from its projected line on the balls' plane."""
     eye = camera.eye
     ends = np.column_stack([line.points(np.array([0.0, 1.0]), np.zeros(1))[:, 0], np.full(2, camera.radius)])
     normal = np.cross(ends[0] - eye, ends[1] - eye)
@@ -246,7 +246,7 @@ def _raised(line: CueAxis, camera: Camera, elevation: float) -> tuple[float, flo
     part = normal[2] * math.tan(elevation) / level
     if abs(part) >= 1:
         raise BadInput(
-            f"a cue raised by {math.degrees(elevation):.1f} degrees cannot be seen like this; check the camera"
+            f"a cue raised by {math.degrees(elevation):.1f} degrees cannot appear like this; check the camera"
         )
     around = math.atan2(normal[1], normal[0])
     solutions = [math.remainder(around + s * math.acos(part), 2 * math.pi) for s in (-1, 1)]

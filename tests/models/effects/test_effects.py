@@ -219,7 +219,7 @@ class Drunk(Effect):
 @pytest.mark.parametrize(
     ("kind", "contract", "says"),
     [
-        (Careless, "declared", ["never on", "default 5.0 lies outside", "no unit", "no source"]),
+        (Careless, "declared", ["never on", "default 5.0 is outside", "no unit", "no source"]),
         (Listing, "compiles", ["Listing.forces does not compile", "line ", "write plain arithmetic on numbers"]),
         (Misspelt, "compiles", ["Misspelt.forces uses 'acceleration'", "correct the name"]),
         (Push, "off_is_absent", ["is_off()"]), (Step, "engines_agree", ["differ by", "let horizon say"]),

@@ -91,8 +91,8 @@ def test_a_whole_source_may_be_given(tmp_path: Path) -> None:
     ("name", "says"),
     [
         ("FeltWear", "such as felt_wear"), ("felt-wear", "such as felt_wear"), ("2nd", "such as nd"), ("a__b", "a_b"),
-        ("", "no name"), ("../x", "such as x"), ("class", "something else"), ("match", "something else"),
-        ("native", "something else"), ("test_it", "taken for a test"), ("squirt", "in the catalogue already"),
+        ("", "not a valid effect name"), ("../x", "such as x"), ("class", "is reserved"), ("match", "is reserved"),
+        ("native", "is reserved"), ("test_it", "collected as a test"), ("squirt", "already in the catalogue"),
         ("x\ny", "such as x_y"),
     ],
 )  # fmt: skip
@@ -102,12 +102,12 @@ def test_bad_names_are_refused(name: str, says: str) -> None:
 
 def test_nothing_is_overwritten(own: Path, tmp_path: Path) -> None:
     before = (own / "felt_wear.py").read_bytes()
-    assert "is there already" in refusal(lambda: write("felt_wear", own))
+    assert "already exists" in refusal(lambda: write("felt_wear", own))
     (own / "felt_wear.py").unlink()
-    assert "test_felt_wear.py: is there already" in refusal(lambda: write("felt_wear", own))
+    assert "test_felt_wear.py: already exists" in refusal(lambda: write("felt_wear", own))
     assert not (own / "felt_wear.py").exists()
     (tmp_path / "file").write_bytes(before)
-    assert "is no folder" in refusal(lambda: write("other", tmp_path / "file"))
+    assert "is not a folder" in refusal(lambda: write("other", tmp_path / "file"))
     assert class_name("felt_wear_2b") == "FeltWear2b"
 
 
@@ -116,14 +116,14 @@ def test_the_verb(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     status, out, err = said(capsys, "new-effect", "felt_wear", "--dir", folder)
     assert (status, err) == (0, "") and "felt_wear.py" in out and "test_felt_wear.py" in out
     assert sorted(p.name for p in folder.iterdir()) == ["felt_wear.py", "test_felt_wear.py"]
-    assert "is there already" in refused(capsys, "new-effect", "felt_wear", "--dir", folder)
+    assert "already exists" in refused(capsys, "new-effect", "felt_wear", "--dir", folder)
     assert "such as felt_wear" in refused(capsys, "new-effect", "FeltWear", "--dir", folder)
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [("{", "is not JSON ("), ('{"unexplained": null}', "leaves nothing unexplained"), ("[]", "nothing unexplained"),
-     ('{"unexplained": {"form": "odd"}}', "comes without a formula"), ("[" * 100_000, "correct the JSON"),
+     ('{"unexplained": {"form": "odd"}}', "has no formula"), ("[" * 100_000, "correct the JSON"),
      ("1" * 5000, "correct the JSON"), ('{"unexplained": {"terms": "drag"}}', "no list of 1 to 32 terms"),
      ('{"unexplained": {"terms": [{"name": "x"}]}}', "a term has no name, door or factor")],
 )  # fmt: skip

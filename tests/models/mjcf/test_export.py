@@ -94,12 +94,12 @@ def test_the_command_names_what_is_wrong(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--balls", "white,world"), "'world' cannot name a ball"),
+        (("--balls", "white,world"), "'world' is not a valid name of a ball"),
         (("--balls", ","), "names a ball twice"),
         (("--balls", "white,white"), "names a ball twice"),
-        (("--balls", "launcher/cue,white", "--launcher"), "'launcher/cue' cannot name a ball"),
+        (("--balls", "launcher/cue,white", "--launcher"), "'launcher/cue' is not a valid name of a ball"),
         (("--length", "0.5", "--width", "0.3"), "not on the table"),
-        (("--diameter", "1e-9"), "MuJoCo takes no such world"),
+        (("--diameter", "1e-9"), "MuJoCo rejects this world"),
     ],
 )
 def test_what_makes_no_world_is_told_in_one_line(arguments: tuple[str, ...], said: str, tmp_path: Path) -> None:

@@ -225,7 +225,7 @@ def test_add_puts_an_effect_on_the_stack(run: Any, model: Path, tmp_path: Path) 
     assert [e.name() for e in read_model(out).effects] == [*[e.name() for e in read_model(model).effects], "side_curve"]
     assert model.read_bytes() == before
     again = one_line(run("add", "side_curve", "--model", out, "--out", tmp_path / "m3.toml"))
-    assert "has side_curve already" in again and not (tmp_path / "m3.toml").exists()
+    assert "already has side_curve" in again and not (tmp_path / "m3.toml").exists()
 
 
 def test_an_unknown_effect_is_guessed(run: Any, model: Path, tmp_path: Path) -> None:

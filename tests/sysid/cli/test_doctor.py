@@ -107,8 +107,8 @@ def test_it_stops_where_a_step_is_not_to_be_trusted(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("--table", "11ft"), "--table 11ft: is no table known here; give one of snooker, pool 9 ft"),
-        (("--table", "snooker 10 ft"), "the rules of snooker define the full size of 12 ft alone, and makers differ"),
+        (("--table", "11ft"), "--table 11ft: is not a known table; give one of snooker, pool 9 ft"),
+        (("--table", "snooker 10 ft"), "the rules of snooker define only the full size of 12 ft, and makers differ"),
         (("--table", "snokker"), 'did you mean "snooker"?'),
         (("--table", "1.881x0.943"), "give --ball-diameter"),
         (("--table", "0.9x1.8", "--diameter", "0.05"), "the longer first"),

@@ -37,7 +37,7 @@ def test_what_is_there_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     (tmp_path / "mine.txt").write_text("mine")
     before = contents(tmp_path)
     assert main(["init", str(tmp_path), "--table", "snooker"]) == 2
-    assert "is there already" in capsys.readouterr().err and contents(tmp_path) == before
+    assert "already exists" in capsys.readouterr().err and contents(tmp_path) == before
 
 
 def test_no_pockets_beside_a_name(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def test_options_of_a_clip_set_are_refused_for_a_finished_recording(
     (tmp_path / "review.rrd").write_bytes(b"as it is")
     for more in (["--video", "."], ["--model", "m.toml"]):
         assert sysid(["review", str(tmp_path), *more, "--save", str(tmp_path / "x.rrd")]) == 2
-        assert "is finished; to make another name the clip set" in capsys.readouterr().err
+        assert "is finished; for a new one give the clip set" in capsys.readouterr().err
 
 
 def test_no_viewer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -120,7 +120,7 @@ def test_live_needs_a_display_or_a_browser(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(BadInput, match=r"--live: there is no display.*; add --web"), Live(live=True).feed():
         pass
-    with pytest.raises(BadInput, match="--web belongs to --live"), Live(web=True).feed():
+    with pytest.raises(BadInput, match="--web requires --live"), Live(web=True).feed():
         pass
     with Live().feed() as feed:
         assert feed is None

@@ -215,13 +215,13 @@ def test_only_clip_sets_are_replaced(folder: Path, tmp_path: Path, monkeypatch: 
     (tmp_path / "other").mkdir()
     (tmp_path / "other/thesis.txt").write_text("years of work")
     write_clip_set(clips, tmp_path / "empty")
-    assert "'thesis.txt' and is no clip set" in refusal(lambda: write_clip_set(clips, tmp_path / "other"))
+    assert "'thesis.txt' and is not a clip set" in refusal(lambda: write_clip_set(clips, tmp_path / "other"))
     assert "is a file" in refusal(lambda: write_clip_set(clips, tmp_path / "other/thesis.txt"))
     assert "unprintable" in refusal(lambda: write_clip_set(clips, f"{tmp_path}/\0"))
     write_clip_set(smaller, folder)
     assert sorted(contents(folder)) == ["clips.toml", "clips/2.csv"]
     (folder / "notes.md").write_text("mine")
-    assert "'notes.md' and is no part" in refusal(lambda: write_clip_set(clips, folder))
+    assert "'notes.md' and is not part of it" in refusal(lambda: write_clip_set(clips, folder))
 
     def fail(old: Path, new: Path) -> None:
         if old.name == "new":

@@ -111,7 +111,7 @@ def test_values_that_disagree_widen_the_sd_and_a_stray_one_is_left_out() -> None
     stray = combined(np.concatenate([2.0 + s[1:] * rng.normal(size=19), [3.0]]))
     check(stray, 2.0 / GRAVITY, 0.01)
     assert stray.count == 19
-    assert any("1 of 20 segments lie far off" in w for w in stray.warnings)
+    assert any("1 of 20 segments are outliers" in w for w in stray.warnings)
     two = combine(SLIDE_FRICTION, stray.singles[:2])
     assert any("only 2 segments" in w for w in two.warnings)
     none = combine(SLIDE_FRICTION, [])

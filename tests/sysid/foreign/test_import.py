@@ -141,7 +141,7 @@ def test_what_a_camera_tells_is_not_stated_as_well(tmp_path: Path, capsys: pytes
     words = [str(tmp_path / "a.csv"), "--camera", str(tmp_path / "cam.toml"), "--out", str(tmp_path / "out")]
     assert main(["import", *words, "--unit", "mm"]) == 2
     [line] = capsys.readouterr().err.splitlines()
-    assert "--unit: the camera's file places pixels" in line
+    assert "--unit: the camera's file determines" in line
 
 
 def test_a_clip_set_with_wrong_entries_is_put_right_by_the_command_that_check_names(
@@ -169,12 +169,12 @@ def lone(xs: Sequence[float], ys: Sequence[float], head: str = "t,ball,x,y") -> 
 
 STRAIGHT = np.linspace(0.1, 0.7, 60)
 BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "ambiguous origin": (lone(STRAIGHT, STRAIGHT), (), "say so with"),
-    "too short": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), (), "say so with --unit m|cm|mm|in|ft"),
-    "too short still": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), ("--unit", "m"), "say so with --x-along"),
+    "ambiguous origin": (lone(STRAIGHT, STRAIGHT), (), "state it with"),
+    "too short": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), (), "state it with --unit m|cm|mm|in|ft"),
+    "too short still": (lone(0.2 * STRAIGHT, -0.5 * STRAIGHT), ("--unit", "m"), "state it with --x-along"),
     "no unit": (lone(1e5 * STRAIGHT, STRAIGHT), (), "pixels need --camera"),
     "pixels": (lone(1e3 * STRAIGHT, STRAIGHT, "t,ball,x_px,y_px"), (), "give the camera's file with --camera"),
-    "mm or pixels": (lone(2e2 + 3e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT), (), "or pixels? no cushion"),
+    "mm or pixels": (lone(2e2 + 3e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT), (), "or pixels? neither cushions"),
     "too short for pixels": (
         lone(5e2 + 1e3 * STRAIGHT, 3e2 + 1e2 * STRAIGHT),
         (),
@@ -187,10 +187,10 @@ BAD: dict[str, tuple[str, tuple[str, ...], str]] = {
         "column 'x\\u2028z', row 3",
     ),
     "text": ("t,ball,x,y\n0,cue,1,2\n0.1,cue,far,2\n", (), "row 3: 'far' is not a number"),
-    "twice": ("t,ball,x,y\n0,cue,1,2\n0,cue,1,2\n", (), "is there twice"),
+    "twice": ("t,ball,x,y\n0,cue,1,2\n0,cue,1,2\n", (), "appears twice"),
     "late": ("t,ball,x,y\n0,cue,1,2\n-1e308,cue,1,2\n", (), "row 3: t = -1e+308 is too large: "),
     "far": ("t,ball,x,y\n0,cue,1,2\n1,cue,1,2e99\n", (), "row 3: y = 2e+99 is too large: "),
-    "ragged": ("t,ball,x,y\n0,cue,1\n", (), "row 2: 3 cells where 4"),
+    "ragged": ("t,ball,x,y\n0,cue,1\n", (), "row 2: 3 cells, but 4"),
     "nothing": ("t,ball,x,y\n", (), "holds no rows"),
     "no times": ("a,b,x,y\n1,2,3,4\n", (), "--columns"),
     "another column": ("a,ball,x,y\n1,2,3,4\n", ("--columns", "t=A1"), "no column 'A1'"),

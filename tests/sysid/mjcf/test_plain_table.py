@@ -178,7 +178,7 @@ def test_a_table_of_mujoco_s_own_contacts_is_written_as_it_is(
 
 
 @pytest.mark.parametrize(
-    ("balls", "said"), [("white,world", "'world' cannot name a ball"), ("white,white", "names a ball twice")]
+    ("balls", "said"), [("white,world", "'world' is not a valid name of a ball"), ("white,white", "names a ball twice")]
 )
 def test_balls_that_no_file_can_have_are_named_before_the_work(
     balls: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

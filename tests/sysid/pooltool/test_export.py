@@ -51,7 +51,7 @@ def test_the_verb_writes_both_files(tmp_path: Path, capsys: pytest.CaptureFixtur
     (system,) = read_systems(tmp_path / "system.json")
     assert set(system["balls"]) == {"white", "red"} and (tmp_path / "system.laws.json").exists()
     said = run(*words, "--launcher", "--out", str(tmp_path / "other.json"))
-    assert said.status == 2 and "--launcher is for MJCF" in said.err and not (tmp_path / "other.json").exists()
+    assert said.status == 2 and "--launcher applies to MJCF only" in said.err and not (tmp_path / "other.json").exists()
 
 
 def test_messagepack_says_the_same(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_the_nearest_law_of_cushions_is_taken() -> None:
 
 
 def test_models_and_places_that_pooltool_cannot_have_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="none that pooltool has laws for"):
+    with pytest.raises(BadInput, match="pooltool has no laws for this model"):
         export_pooltool(Model(POOL.table, POOL.ball), tmp_path / "system.json")
     with pytest.raises(BadInput, match="outside the playing surface"):
         export_pooltool(MODEL, tmp_path / "system.json", {"cue": (2.0, 0.0)})

@@ -135,7 +135,7 @@ def test_what_is_no_simulated_system_is_refused(tmp_path: Path) -> None:
     gone["cue"]["cue_ball_id"] = "9"
     for data, word in (
         (still, "not simulated"), (other, "several sizes"), (lacking, "lacks 'R'"), (back, "back in time"),
-        (bent, "wrong entry"), (gone, "strikes '9'"), ({"cue": {"id": 1}}, "no system"),
+        (bent, "wrong entry"), (gone, "strikes '9'"), ({"cue": {"id": 1}}, "no pooltool system"),
     ):  # fmt: skip
         with pytest.raises(BadInput, match=word):
             import_pooltool([written(tmp_path, data)])
@@ -160,7 +160,7 @@ def test_options_that_the_files_answer_and_other_files_are_refused(
     tracks = tmp_path / "tracks.csv"
     tracks.write_text("t,x,y\n0,0,0\n")
     assert main(["import", str(DATA / "cut.json"), str(tracks), "--out", out]) == 2
-    assert "apart" in capsys.readouterr().err
+    assert "separately" in capsys.readouterr().err
     assert is_pooltool(DATA / "cut.json") and not is_pooltool(tracks)
-    with pytest.raises(BadInput, match="end the name so"):
+    with pytest.raises(BadInput, match="use one of these suffixes"):
         write_document({}, tmp_path / "system.toml")

@@ -149,7 +149,7 @@ def test_noise_is_white_and_a_drift_is_not() -> None:
     assert white.ratio == pytest.approx(1.0, abs=0.03) and abs(white.z) < 4
     loud = whiteness(dataclasses.replace(plain, residual=1596 * plain.residual), NOISE)
     assert loud.uncorrelated and not loud.white
-    assert "times the noise: that is no noise, though neighbours correlate by" in loud.in_words()
+    assert "times the noise: too large to be noise, though neighbours correlate by" in loud.in_words()
     odd = whiteness(dataclasses.replace(plain, residual=3 * plain.residual), NOISE)
     assert "or the noise is larger than stated" in odd.in_words()
     drift = whiteness(dataclasses.replace(plain, residual=plain.residual + 2e-3 * np.sin(3 * s.since)[:, None]), NOISE)

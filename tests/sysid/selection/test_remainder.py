@@ -30,7 +30,7 @@ def test_a_camera_that_swings_is_told_with_its_frequency(tmp_path: Path, monkeyp
     base = fitted(tmp_path / "set", "--hidden", "camera_shake=0.001,3.1")
     told = remainder(base)
     assert told is not None
-    assert told["where"].startswith("the image: it swings along x")
+    assert told["where"].startswith("the image: it oscillates along x")
     assert told["frequency_hz"] == pytest.approx(3.1, rel=0.02)
     assert told["size"] == pytest.approx(0.001, rel=0.15)
     assert told["delta_bic"] > 1000

@@ -28,7 +28,16 @@ from sysid.report.figures import curve_charts
 from sysid.selection.effect_file import effect_source
 from sysid.selection.factors import SEEN_BY
 from sysid.selection.formula import SparseFormula, describe, source_from
-from sysid.selection.terms import COUNTED, Shape, Term, curve, effect_from_terms, library, shapes, shapes_at_one
+from sysid.selection.terms import (
+    COUNTED_VARIABLES,
+    Shape,
+    Term,
+    curve,
+    effect_from_terms,
+    library,
+    shapes,
+    shapes_at_one,
+)
 from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 
@@ -122,7 +131,7 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
     """Of every variable that a quantity may depend on; on the cloth both engines know where a step lies."""
     counted = ("rail", 2)
     for quantity, variables in SEEN_BY.items():
-        for variable in (v for v in variables if v not in COUNTED):
+        for variable in (v for v in variables if v not in COUNTED_VARIABLES):
             families = (
                 shapes(quantity, variable, -0.7, 1.1) if variable in "xy" else shapes(quantity, variable, 0.0, 3.0)
             )

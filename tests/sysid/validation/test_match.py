@@ -123,7 +123,7 @@ def test_the_command_writes_its_rows(
         ("motion", "native", 9.0, "mm", None, True),
         ("motion", "effects", error, "mm", 1.0, status == 0),
     ]
-    assert f"2 rows, 1 with a tolerance, {status} exceed it" in capsys.readouterr().out
+    assert f"2 rows, 1 with a tolerance, {status} beyond it" in capsys.readouterr().out
 
 
 def test_clips_of_the_analytic_models(tmp_path: Path) -> None:

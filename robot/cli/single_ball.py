@@ -1,4 +1,4 @@
-"""What the verbs share that strike the cue ball alone on a real table, again and again: `campaign` and `repeat`."""
+"""Shared by `campaign` and `repeat`, which strike the cue ball alone on a real table many times."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from robot.cli.common import Filming, Wire, confirmed, set_up, yes_option
 
 if TYPE_CHECKING:
     from robot.device.settings import Settings
-    from robot.table.lone_ball import LoneBall
+    from robot.table.single_ball import SingleBall
 
 
 @dataclass(frozen=True)
 class AtTable:
-    """A ball alone on a real table, and the launcher behind it."""
+    """Options of a single ball on a real table, with the launcher behind it."""
 
     end: str | None = given(
         "--end", "END", "End of the table behind which the launcher stands, -x or +x; by default -x.",
         click.Choice(("-x", "+x")),
     )  # fmt: skip
     tolerance: float | None = given(
-        "--tolerance", "MM", "Tolerance of the ball that is put back [mm]; by default 2.", ABOVE_ZERO
+        "--tolerance", "MM", "Tolerance of the position to which the ball is put back [mm]; by default 2.", ABOVE_ZERO
     )
     films: Path | None = given(
-        "--films", "DIR", "Keep the recordings there; by default none is kept once it was read.", FILE_PATH
+        "--films", "DIR", "Folder to keep the recordings; by default each is deleted once evaluated.", FILE_PATH
     )
     yes: bool = given(yes_option, default=False)
 
     def refuse(self) -> None:
-        """BadInput without a real table."""
+        """Raise BadInput without a real table."""
         for name, value in (("end", self.end), ("tolerance", self.tolerance), ("films", self.films)):
             if value:
-                raise BadInput(f"--{name} belongs to a launcher at a --port; leave it out, or name the port")
+                raise BadInput(f"--{name} requires a launcher at a --port; omit it, or name the port")
 
     @contextmanager
-    def ball(self, wire: Wire, filming: Filming, settings: Settings) -> Iterator[LoneBall]:
-        """The table with its camera open; nothing is asked for or moved yet."""
-        from robot.table.lone_ball import PLACE_TOLERANCE_M, LoneBall, place_of
+    def ball(self, wire: Wire, filming: Filming, settings: Settings) -> Iterator[SingleBall]:
+        """The table with its camera open; without any question or motion yet."""
+        from robot.table.single_ball import PLACE_TOLERANCE_M, SingleBall, place_of
 
         tolerance = PLACE_TOLERANCE_M if self.tolerance is None else 1e-3 * self.tolerance
         with scratch_folder() as passing:
@@ -58,14 +58,14 @@ class AtTable:
 
             with filming.open(self.films or folder) as camera:
                 place, azimuth = place_of(camera.table, self.end or "-x")
-                yield LoneBall(
+                yield SingleBall(
                     camera, lambda: wire.launcher(settings), place, azimuth,
                     lambda action: self.yes or confirmed(action, "the stand is aligned"), set_up,
                     tolerance=tolerance, clear=clear,
                 )  # fmt: skip
 
-    def print_needs(self, wire: Wire, filming: Filming, rig: LoneBall, strokes: int) -> None:
-        """Say what a measurement of so many strokes needs."""
+    def print_needs(self, wire: Wire, filming: Filming, rig: SingleBall, strokes: int) -> None:
+        """Print the needs of a measurement with a number of strokes."""
         from robot.table.placing import words_of
 
         wire.print_needs(
