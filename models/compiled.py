@@ -41,7 +41,7 @@ def sources() -> list[Path]:
 
 @cache
 def stamp() -> str:
-    """A digest of what compiled code is made of."""
+    """A digest of the sources of compiled code."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sources():
         digest.update(str(path.relative_to(MODELS_FOLDER)).encode() + b"\0" + path.read_bytes())

@@ -1,4 +1,4 @@
-"""The effect: one physical idea, its parameters with unit, bounds and source, and the hooks it uses.
+"""Base class of effects: one physical idea, its parameters with unit, bounds and source, and its hooks.
 
 An effect is a frozen dataclass in a file of its own below `models/effects/` (or in a user's folder). A parameter is
 one number or an (nsim,) array, so that one batch runs many variants. Its hooks are compiled scalar functions
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
-EDGE_OVERSHOOT_M = 1e-9  # this far beyond an edge a step ends, so that the next begins on the other side [m]
+EDGE_OVERSHOOT_M = 1e-9  # distance beyond an edge at which a step ends, so that the next begins on the other side [m]
 STRUCK_BALL = 0  # number of the ball that the cue strikes
 RAIL_PX, RAIL_MX, RAIL_PY, RAIL_MY = range(4)  # numbers of the rails at +x, -x, +y, -y
 
@@ -37,7 +37,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-ELSEWHERE = ("forces", "horizon", "strike", "observe", "exposures", "edit")  # hooks that act not at impacts alone
+ELSEWHERE = ("forces", "horizon", "strike", "observe", "exposures", "edit")  # hooks that act outside impacts
 
 
 def param(
@@ -140,13 +140,13 @@ class Effect:
         return math.inf
 
     def impact(self, hit: ImpactState) -> None:
-        """Change what `hit` says from `restitution` on."""
+        """Change the fields of `hit` from `restitution` on."""
 
     def strike(self, cue: StrokeState) -> None:
-        """What the cue really delivers to the struck ball, the first of every shot, for what was commanded."""
+        """Change the commanded motion of the struck ball, the first of every shot, to the actual one."""
 
     def exposures(self, stamp: float) -> float:
-        """When the camera really looked, for a time stamp that it reports [s]."""
+        """The actual time of exposure for a reported time stamp [s]."""
         return stamp
 
     def observe(self, image: ImageState) -> None:

@@ -1,11 +1,11 @@
-"""The one exception for input that a user can mend: commands print it as one line and exit with status 2."""
+"""The exception for input that a user can correct: commands print it as one line and exit with status 2."""
 
-MAX_LINE_CHARS = 400  # of a line of a message: a damaged file must not flood the screen
-MAX_MESSAGE_CHARS = 580  # of a message with the places of several files
+MAX_LINE_CHARS = 400  # longest line of a message: a damaged file must not flood the screen
+MAX_MESSAGE_CHARS = 580  # longest message with the places of several files
 
 
 def one_line(text: str, most: int = MAX_LINE_CHARS) -> str:
-    """The text without line breaks or other unprintable characters, not too long."""
+    """The text as one printable line of limited length."""
     line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
     if len(line) <= most:
         return line
@@ -17,5 +17,5 @@ class BadInput(ValueError):
     """Input that cannot be used. The message names the offender, its value and the remedy, in one line."""
 
     def __init__(self, text: str) -> None:
-        """Whatever names of files, columns or balls the text holds, it is one printable line."""
+        """Create the error; the text becomes one printable line, whatever names it contains."""
         super().__init__(one_line(text, MAX_MESSAGE_CHARS))

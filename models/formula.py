@@ -27,7 +27,7 @@ from models.variables import NONE, SLIP, SPEED, TIME, WZ, X, Y, of_ball, of_imag
 
 MAX_TERMS = 32
 MAX_CONSTANTS = 4
-LEAST_GRIP = 0.05  # factor on the sliding friction that is left at least
+LEAST_GRIP = 0.05  # smallest factor on the sliding friction
 
 TERM_HOOKS = (
     "drag", "grip", "push_x", "push_y", "side", "cushion_e", "cushion_mu", "ball_e", "ball_mu", "image_x", "image_y",
@@ -57,7 +57,7 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     BEND,  # how far v is above b, or with c = -1 below it; 0 on the other side
 ) = range(17)
 
-TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d", "counted", "which")  # of a term
+TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d", "counted", "which")  # fields of a term
 TERM_SIZE = len(TERM_FIELDS)
 TERM_LAYOUT = (("terms", MAX_TERMS * TERM_SIZE),)
 

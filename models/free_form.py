@@ -1,4 +1,4 @@
-"""A free form: one quantity as an unknown smooth function of one or two variables, for what no law is known of.
+"""A free form: one quantity as an unknown smooth function of one or two variables, where no law is known.
 
 The function is a tensor product of uniform cubic B-splines, periodic ones for a heading, and of steps for what is
 counted (rails, balls): linear in its coefficients, so that a fit knows its derivatives by one probe each. Outside its
@@ -24,8 +24,8 @@ from models.hooks import Layout
 from models.variables import NONE, VARIABLES, of_ball, of_image, of_impact
 
 MAX_COEFFICIENTS = 32
-STEPS, SPLINE, PERIODIC = range(3)  # kinds of an axis
-SPLINE_REACH = 3  # coefficients of a spline beyond its intervals
+STEPS, SPLINE, PERIODIC = range(3)  # kinds of axes
+SPLINE_REACH = 3  # number of coefficients of a spline beyond its intervals
 AXIS_FIELDS = ("variable", "low", "step", "count", "kind")
 LAYOUT: Layout = (
     ("coefficients", MAX_COEFFICIENTS), "door", *(f"{field}_{number}" for number in (1, 2) for field in AXIS_FIELDS),
@@ -68,7 +68,7 @@ class Axis:
         return out
 
 
-ALONE = Axis(NONE, 0.0, 1.0, 1, STEPS)  # the second axis of a function of one variable
+ALONE = Axis(NONE, 0.0, 1.0, 1, STEPS)  # second axis of a function of one variable
 
 
 @compiled
@@ -167,17 +167,17 @@ class FreeForm(Effect):
         return _remade, (self.called, self.door, self.axes, width, tuple(getattr(self, k) for k in self.parameters()))
 
     def forces(self, ball: BallState) -> None:
-        """What acts on a ball on the cloth."""
+        """Add the function to the forces on a ball on the cloth."""
         if DRAG <= self.door <= SIDE:
             push(self.door, _for_ball(self, ball), ball)
 
     def impact(self, hit: ImpactState) -> None:
-        """What changes at contacts."""
+        """Add the function to the law of contacts."""
         if is_met(self.door, hit):
             change(self.door, _for_impact(self, hit), hit)
 
     def observe(self, image: ImageState) -> None:
-        """What the camera reports."""
+        """Add the function to the reported place."""
         if IMAGE_X <= self.door <= IMAGE_Y:
             shift(self.door, _for_image(self, image), image)
 

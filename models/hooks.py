@@ -104,7 +104,7 @@ class ImpactState:
 
 @dataclass
 class StrokeState:
-    """What the cue gives the struck ball, as the hook `strike` sees and changes it."""
+    """The motion of the struck ball after the stroke, which the hook `strike` reads and changes."""
 
     vx: float = 0.0  # [m/s]
     vy: float = 0.0
@@ -156,7 +156,7 @@ IMAGE_SESSION, IMAGE_NUMBER = (fields_of(ImageState).index(name) for name in ("o
 
 
 class HookError(BadInput):
-    """A hook that does not compile; the message names it and says why."""
+    """Raised for a hook that does not compile; the message names it and the reason."""
 
 
 @cache

@@ -125,7 +125,7 @@ def _read_effects(file: Path) -> tuple[bytes, tuple[type[Effect], ...]]:
 
 
 def _undeclared(kind: type[Effect]) -> str:
-    """What keeps a class from being listed and built; "" for an effect."""
+    """The reason why a class is not an effect; "" for an effect."""
     if not dataclasses.is_dataclass(kind) or "__dataclass_fields__" not in vars(kind):
         return f"{kind.__name__} is no dataclass; put @dataclass(frozen=True) above it"
     for f in dataclasses.fields(kind):
@@ -147,7 +147,7 @@ def effect_class(name: str) -> type[Effect]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """How well a constant is known and where that comes from."""
+    """The uncertainty of a constant, and its source."""
 
     sd: float = math.nan  # one standard deviation; nan where none was computed
     source: str = ""
@@ -333,7 +333,7 @@ def read_model(path: Path | str) -> Model:
 
 
 def _origin(effect: Effect) -> dict[str, str]:
-    """Where an effect of the user's own comes from; nothing for one of the catalogue."""
+    """The source of a user's effect; empty for one of the catalogue."""
     own = [str(file) for file, (_, kinds) in _added.items() if type(effect) in kinds]
     return {OWN_FILE_KEY: own[0]} if own else {}
 

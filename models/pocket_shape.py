@@ -36,7 +36,7 @@ from models.files.faults import shown
 
 INCH_M = 0.0254
 CORNER_PARALLEL_RAD, MIDDLE_PARALLEL_RAD = math.radians(135.0), math.radians(90.0)  # cuts along the axis
-ACCEPTANCE_OF_MOUTH = 0.65  # usual acceptance over half a mouth: 0.62 to 0.69 of the pools below
+ACCEPTANCE_OF_MOUTH = 0.65  # usual ratio of acceptance to half a mouth: 0.62 to 0.69 for the pools below
 SHAPE_BOUNDS: Mapping[str, tuple[str, float, float]] = {  # unit, from, to
     "mouth": ("m", 0.02, 0.3),
     "nose_radius": ("m", 0.0, 0.3),
@@ -114,7 +114,7 @@ POCKET_SETS: Mapping[str, PocketShapes] = {
 
 
 def read_pockets(value: Any) -> bool | PocketShapes:
-    """Pockets from what a file holds of them, true for those of snooker; BadInput says what is wrong in them."""
+    """Pockets from the entry of a file, true for those of snooker; BadInput names the faults of an entry."""
     if isinstance(value, bool | PocketShapes):
         return value
     names = ", ".join(f'"{name}"' for name in POCKET_SETS)

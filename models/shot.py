@@ -1,4 +1,4 @@
-"""What is played and what comes of it: frozen values that every other room passes on.
+"""Shots and their tracks: frozen values that all other rooms use.
 
 Table frame: origin at the centre of the playing surface, x along the length, y along the width, z up,
 angles counter-clockwise from +x seen from above. Spin is angular velocity in that frame; omega_z > 0 is
@@ -19,8 +19,8 @@ from models.pocket_shape import SNOOKER_POCKETS, PocketShapes, read_pockets
 
 Array = NDArray[np.float64]
 
-GRAVITY = 9.81  # [m/s^2]
-RAIL_NAMES = ("+x", "-x", "+y", "-y")  # the cushions, by the side of the table they stand on
+GRAVITY = 9.81  # gravitational acceleration [m/s^2]
+RAIL_NAMES = ("+x", "-x", "+y", "-y")  # names of the cushions, by the side of the table
 NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)
 NOSE_SINE = NOSE_HEIGHT - 1.0  # sine of the contact normal's elevation at the nose
 NOSE_COSINE = float(np.sqrt(1.0 - NOSE_SINE**2))
@@ -82,7 +82,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Session:
-    """When and under what a shot is played; 0 stands for what is not known, or for what is usual."""
+    """The conditions of a shot; 0 stands for unknown or usual."""
 
     order: float = 0.0  # place among the shots, 0 for the first, 1 for the last
     hour: float = 0.0  # of the day [h]
@@ -97,7 +97,7 @@ class Session:
         return np.array(dataclasses.astuple(self), float)
 
 
-USUAL_TEMPERATURE = 20.0  # of a room [degrees Celsius]
+USUAL_TEMPERATURE = 20.0  # usual temperature of a room [degrees Celsius]
 SESSION_FIELDS = len(dataclasses.fields(Session))
 UNKNOWN_SESSION = Session()
 
@@ -136,7 +136,7 @@ class Event:
 
 @dataclass(frozen=True, repr=False)
 class Track:
-    """Where every ball was, when. A potted ball is NaN from then on."""
+    """Places of all balls over time; NaN for a ball once it is potted."""
 
     names: tuple[str, ...]
     times: Array  # (n,) [s]

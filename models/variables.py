@@ -1,4 +1,4 @@
-"""What a force or an impact may depend on, each by its code: variables of formulas and of free forms."""
+"""Variables of formulas and of free forms, on which a force or an impact may depend, each with its code."""
 
 from __future__ import annotations
 

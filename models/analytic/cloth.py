@@ -18,16 +18,16 @@ from models.compiled import compiled, compiled_in_place
 from models.shot import GRAVITY
 
 Array = NDArray[np.float64]
-STILL_SPEED = 1e-8  # slip or speed that is none [m/s]
-STILL_SPIN = 1e-6  # sidespin that is none [rad/s]
+STILL_SPEED = 1e-8  # slip or speed below which there is none [m/s]
+STILL_SPIN = 1e-6  # sidespin below which there is none [rad/s]
 SLIDING, ROLLING, RESTING = 1, 2, 0
-LAST_SLIP_S = 5e-5  # a slip that full friction ends in this time meets no less than that [s]
+LAST_SLIP_S = 5e-5  # time in which full friction ends a slip that is no longer reduced [s]
 LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it counts as attained
 
 
 @compiled_in_place
 def rolling_resistance(r, roll):  # type: ignore[no-untyped-def]
-    """Deceleration of a rolling ball by what the effects say [m/s^2]; where that is less than 0, there is none."""
+    """Deceleration of a rolling ball with the factors of the effects, at least 0 [m/s^2]."""
     return roll * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY + r[rec.DRAG]
 
 

@@ -15,10 +15,10 @@ import math
 from models.analytic.coulomb import CLOTH_MOBILITY, friction_at
 from models.compiled import compiled
 
-QUARTER_STEPS = 120  # of compression, and of restitution
+QUARTER_STEPS = 120  # steps of compression, and of restitution
 MIN_COMPLIANCE = 0.002  # below it the spring along the face is too stiff for these steps
-MAX_QUARTERS = 8  # time after which an impact ends at the latest
-CLOTH_SWEEPS = 2  # over the direction of friction at the cloth within a step
+MAX_QUARTERS = 8  # number of quarter periods after which an impact is ended
+CLOTH_SWEEPS = 2  # sweeps over the direction of friction at the cloth within a step
 
 
 @compiled

@@ -24,18 +24,18 @@ import numpy as np
 
 from models.compiled import compiled
 
-MIN_STEPS = 4  # of a whole impact, where no slip turns
+MIN_STEPS = 4  # steps of a whole impact in which no slip turns
 TURNING_TOLERANCE = (
     3e-7  # tolerance of the turning of a slip in a step, over approach speed; fits differentiate what comes out
 )
-MAX_SLIP_SHARE = 0.8  # of the way to the end of a slip, at most, in a step
-MAX_FRICTION_FADE = 0.25  # of the slip over which friction falls by e, at most, in a step
-MAX_TURNS_PER_STEP = 2.0  # turns of that kind in a step, at most
-SNAP_SLIP = 1e-6  # slip times friction over approach speed that ends at once where friction can hold it
-STILL_SLIP = 2e-8  # slip times friction over approach speed that is none
-CLOTH_MOBILITY = 3.5  # slip of a ball's lowest point per impulse there
-MAX_STEPS = 4000  # steps, against endless loops
-ALIGNED_SINE = 1e-10  # sine between a slip and its rate that is rounding
+MAX_SLIP_SHARE = 0.8  # largest part of the rest of a slip in one step
+MAX_FRICTION_FADE = 0.25  # largest part of one step of the slip over which friction falls by a factor e
+MAX_TURNS_PER_STEP = 2.0  # largest number of turns of that kind in one step
+SNAP_SLIP = 1e-6  # slip times friction over approach speed below which friction stops it at once, if it can
+STILL_SLIP = 2e-8  # slip times friction over approach speed below which there is no slip
+CLOTH_MOBILITY = 3.5  # slip of a ball's lowest point per impulse at that point
+MAX_STEPS = 4000  # largest number of steps, against endless loops
+ALIGNED_SINE = 1e-10  # sine between a slip and its rate below which it is rounding
 SLIP, STICK = 0, 1
 
 
@@ -145,7 +145,7 @@ def _runge_kutta(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, mu, cloth, k):  # ty
 
 @compiled
 def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
-    """How far a slip may go in a step before it turns too much, given its rate and its friction."""
+    """Largest change of a slip in one step before it turns too much, from its rate and its friction."""
     rate = math.sqrt(dx * dx + dy * dy)
     if weight <= 0.0 or rate == 0.0:
         return np.inf
@@ -163,7 +163,7 @@ def _reach(x, y, dx, dy, weight, grip, fine):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fade(size, rate, rub, hold, grip, mu):  # type: ignore[no-untyped-def]
-    """How far a slip may go in a step before its friction changes too much."""
+    """Largest change of a slip in one step before its friction changes too much."""
     steep = mu[2] * max(rate, grip * abs(rub - mu[0]))
     h = MAX_FRICTION_FADE / steep if steep > 0.0 else np.inf
     # Friction that grows as the slip ends may end it sooner than the present rate says.
@@ -290,7 +290,7 @@ def _top(u, after, gain, h):  # type: ignore[no-untyped-def]
 
 @compiled
 def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # type: ignore[no-untyped-def]
-    """The part of a step h during which what sticks does so; all of it, usually."""
+    """The part of a step h during which sticking contacts stick; usually all of it."""
     ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
     hold = friction_at(mu, 0.0)
     low, high, x = 0.0, h, h

@@ -1,4 +1,4 @@
-"""What a stroke gives the ball, as one balance of impulses: cue, end of the shaft, ball and slate at once.
+"""The ball's motion after a stroke, from one balance of impulses of cue, end of the shaft, ball and slate.
 
 Axes: d along the cue, right and up across it. The tip's dome grips the ball at r = R (a right + b up - c d), with
 (a, b) = offsets of the cue's axis over (R + r_t) and c^2 = 1 - a^2 - b^2. An impulse P of the tip moves the contact by
@@ -32,13 +32,13 @@ from models.effect import param
 from models.shot import Ball
 
 Array = NDArray[np.float64]
-SLATE_ROUNDS = 14  # in which the slate's friction settles, see _with_slate
-FULL_FRICTION_SLIP = 0.4  # slip that full friction takes away, over the ball's speed: 7/2 sin(6.5 degrees)
+SLATE_ROUNDS = 14  # iterations of the slate's friction, see _with_slate
+FULL_FRICTION_SLIP = 0.4  # slip that full friction removes, over the ball's speed: 7/2 sin(6.5 degrees)
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Of one launcher and one ball."""
+    """Constants of one launcher and one ball."""
 
     tip_restitution: float = param(
         0.75, off=0.0, unit="1", bounds=(0.3, 1.0), source="leather 0.71 to 0.75 (Alciatore)"
@@ -67,7 +67,7 @@ CONSTANT_NAMES = tuple(f.name for f in dataclasses.fields(Constants))
 
 @dataclass(frozen=True)
 class Geometry:
-    """What is known beforehand of tip, cue and ball."""
+    """The known sizes and masses of tip, cue and ball."""
 
     ball: Ball
     tip_radius: float = 0.010  # of the dome [m]; Robotic Billiards 2015

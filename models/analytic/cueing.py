@@ -1,4 +1,4 @@
-"""What a stroke gives the ball: speed, spin, squirt, and what an elevated cue adds.
+"""The ball's motion after a stroke: speed, spin, squirt, and the effects of an elevated cue.
 
 The tip's dome touches at (x_C, y_C) = (x_0, y_0) R / (R + r_t); a = x_C / R, b = y_C / R, c^2 = 1 - a^2 - b^2.
 Spin: omega_S = 5 x_C V / (2 R^2), omega_T = 5 y_C V / (2 R^2) (Robotic Billiards 2015, equations 1a and 1b).
@@ -39,7 +39,7 @@ class CueStick:
 
 @dataclass(frozen=True)
 class Stroke:
-    """What the ball has as it leaves the tip."""
+    """The motion of the ball as it leaves the tip."""
 
     velocity: Array  # (2,) [m/s], table frame
     spin: Array  # (3,) [rad/s], table frame

@@ -1,4 +1,4 @@
-"""When does a ball meet another one, a cushion or a pocket, while accelerations are constant?
+"""Times at which a ball meets another one, a cushion or a pocket, while accelerations are constant.
 
 Two balls: the squared distance is a quartic in time. Where the relative path is straight and does not turn back, its
 touch is a quadratic along the line; otherwise the first fall through (2R)^2 is found between the roots of the
@@ -16,12 +16,12 @@ import numpy as np
 
 from models.compiled import compiled, compiled_in_place
 
-CLOSED_GAP_M = 1e-13  # gap that is none [m], and squared distance [m^2]
-INSIDE_M = 1e-9  # depth in a rail that is no rounding [m]
-DEAD_SPEED = 1e-3  # approach speed below which an impact gives nothing back [m/s]
-LEAN_SPEED = 1e-2  # approach speed that bodies which lean on each other may come to between two looks [m/s]
+CLOSED_GAP_M = 1e-13  # gap [m], and squared distance [m^2], below which there is none
+INSIDE_M = 1e-9  # depth in a rail above which it is not rounding [m]
+DEAD_SPEED = 1e-3  # approach speed below which an impact has no restitution [m/s]
+LEAN_SPEED = 1e-2  # approach speed that bodies in lasting contact may gain between two checks [m/s]
 MIN_IMPACT_SPEED = 1e-9  # approach speed below which a touch is no impact [m/s]
-STRAIGHT_SINE = 4e-16  # sine between velocity and acceleration that is rounding
+STRAIGHT_SINE = 4e-16  # sine between velocity and acceleration below which it is rounding
 
 
 @compiled

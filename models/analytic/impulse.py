@@ -30,7 +30,7 @@ from models.shot import NOSE_SINE
 
 Array = NDArray[np.float64]
 
-LEAST_APPROACH = 1e-30  # of bodies that meet; powers of a lower one would vanish [m/s]
+LEAST_APPROACH = 1e-30  # smallest approach speed of an impact; powers of a lower one would vanish [m/s]
 
 
 @compiled_in_place

@@ -15,9 +15,9 @@ from models.analytic.coulomb import friction_at
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_SINE, Array
 
-MAX_SWEEPS = 12  # at most, over the friction of both contacts, which depend on each other
+MAX_SWEEPS = 12  # largest number of sweeps over the friction of both contacts, which depend on each other
 NOT_HELD = (False, 0.0, 0.0)
-SETTLED_CHANGE = 1e-7  # change of the friction between sweeps over the normal impulse that ends them
+SETTLED_CHANGE = 1e-7  # change of the friction between sweeps, over the normal impulse, at which they end
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Pockets as balls meet them: where straight cushions end, noses, facings, and where the slate ends.
+"""Pockets in the space of ball centres: ends of straight cushions, noses, facings, and the slate's edge.
 
 In the space of ball centres, which meet a nose line at R cos(theta). A table's `PocketShapes` (models/pocket_shape.py)
 give mouth m, nose radius r, cut angle, shelf and edge. Before a pocket the nose bends away in an arc of radius r that
@@ -38,13 +38,13 @@ OWN_POCKETS = "give [table] the pockets of its game"  # the remedy for pockets t
 ARC_SETBACK_M = (
     1e-10  # by which arcs stand back, so that what rolls along a cushion does not graze them by rounding [m]
 )
-ARC_RAILS = (0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)  # the rail that each arc ends
-JAW_RAILS = ARC_RAILS * 2  # of arcs, then of the facings behind them
+ARC_RAILS = (0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3)  # the rail at the end of which each arc is
+JAW_RAILS = ARC_RAILS * 2  # the rails of the arcs, then of the facings behind them
 MIDDLE_ARCS = (6, 7, 10, 11)
-FACING_OVERLAP_M = 1e-3  # by which a facing reaches beyond the slate's edge [m]
-BEHIND_M = 1e-5  # depth behind a facing's line, beside it, from which a ball is elsewhere [m]
-DRIVEN_M = 5e-3  # depth to which others may drive a ball into a facing [m]
-NO_FACING_M = -1.0  # half length of a facing that nothing meets [m]
+FACING_OVERLAP_M = 1e-3  # length of a facing beyond the slate's edge [m]
+BEHIND_M = 1e-5  # depth behind a facing's line, past its end, from which a ball does not touch it [m]
+DRIVEN_M = 5e-3  # depth to which other balls may drive a ball into a facing [m]
+NO_FACING_M = -1.0  # half length that stands for a facing without contact [m]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def rail_of(number: int) -> str:
 
 @dataclass(frozen=True)
 class _Mouth:
-    """One pocket as a ball's centre meets it: depth along its axis beyond its place, and across from the axis."""
+    """One pocket in the space of ball centres: depth along its axis beyond its place, and distance from the axis."""
 
     end: float  # of the straight cushion, along the nose line from the pocket's place [m]
     turn: float  # from the nose line into the facing [rad]
@@ -162,7 +162,7 @@ def _facing(
 
 
 def jaw_gaps(xy: Array, jaws: Array) -> Array:
-    """How far centres (n, 2) are from where they meet each jaw, negative within an arc: (n, jaws) [m]."""
+    """Distances of centres (n, 2) from contact with each jaw, negative within an arc: (n, jaws) [m]."""
     arcs, facings = jaws[:12], jaws[12:]
     gaps = np.hypot(*(xy[:, None] - arcs[None, :, :2]).transpose(2, 0, 1)) - arcs[:, 2]
     off = xy[:, None] - facings[None, :, :2]
@@ -180,7 +180,7 @@ def is_facing(jaw):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def jaw_gap(jaw, x, y):  # type: ignore[no-untyped-def]
-    """How far a centre is from where it meets an arc or a facing, negative within; inf beside a facing."""
+    """Distance of a centre from contact with an arc or a facing, negative within; inf past the end of a facing."""
     x, y = x - jaw[0], y - jaw[1]
     if not is_facing(jaw):
         return math.sqrt(x * x + y * y) - jaw[2]

@@ -1,4 +1,4 @@
-"""The springs that stand for contacts in small steps: how hard two bodies push at a depth.
+"""The springs that represent contacts in small steps: the force between two bodies at a depth.
 
 Two balls load the spring of Hertz, K d^1.5, a cushion a linear and softer one. Both unload so much more stiffly that
 the part e^2 of the work done on them comes back (Walton, Braun 1986; Stronge, Impact Mechanics, 2000), whatever else
@@ -14,22 +14,22 @@ import numpy as np
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_SINE
 
-SPRING_STEP_S = 4e-6  # [s]
+SPRING_STEP_S = 4e-6  # time step of springs [s]
 BALL_TIME = 1e-4  # two balls' contact at 1 m/s [s]; real ones' 0.2 to 0.3 ms, in which the line of centres turns
-CUSHION_TIME = 4e-4  # [s]; real ones' some 8 ms
+CUSHION_TIME = 4e-4  # contact with a cushion [s]; some 8 ms for real ones
 HERTZ_STIFFNESS = (3.2180 / BALL_TIME) ** 2.5  # acceleration of the gap is HERTZ_STIFFNESS d^1.5 [m^-0.5 s^-2]
 MIN_GIVEN_BACK = 0.1  # restitution: the steps resolve no spring that unloads more stiffly
-DEAD_DAMPING = 4.0  # over the critical one of a cushion, where nothing comes back
-MAX_CLUSTER_S = 2e-2  # of a cluster, after which the rest of it is left to the next [s]
+DEAD_DAMPING = 4.0  # damping over the critical one of a cushion without restitution
+MAX_CLUSTER_S = 2e-2  # duration of a cluster after which its rest is left to the next one [s]
 CONTACT_GAP_M = 1e-9  # gap below which bodies touch [m]
-CALM_TIME_S = 2 * CUSHION_TIME  # without a speed between what touches, after which nothing more will come of it [s]
-NOSE_RADIUS = 0.002  # of the capsule that stands for the nose [m]
-SLIP_PARTS = 8  # of a step, over which a slip may turn
+CALM_TIME_S = 2 * CUSHION_TIME  # time without a relative speed at contacts after which a cluster ends [s]
+NOSE_RADIUS = 0.002  # radius of the capsule that represents the nose [m]
+SLIP_PARTS = 8  # parts of a step over which a slip may turn
 
 
 @compiled_in_place
 def pushed(cushion: bool, pressed: float, deepest: float, gives_back: float, approach: float) -> float:
-    """How fast two bodies are pushed apart, per unit of their effective mass [m/s^2].
+    """Acceleration that separates two bodies, per unit of their effective mass [m/s^2].
 
     Pressed so deep now and at most [m], with a restitution, approaching at a speed [m/s].
     """

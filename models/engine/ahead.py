@@ -1,4 +1,4 @@
-"""What comes next in a shot: how every ball moves on, what it meets, and which event is first.
+"""The next event of a shot: the motion of every ball, its next contacts, and the first event.
 
 Only balls that an event has changed (`todo`) are worked out anew. `balls` and `notes` are those of `workspace`
 (models/engine/loop.py).

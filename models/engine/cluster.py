@@ -34,8 +34,8 @@ from models.engine.motion import POTTED, pot
 from models.engine.touch import BALL, CUSHION, MOUTH_DEPTH_M, POCKET
 from models.shot import GRAVITY
 
-CONTACT_RANGE_M = 1e-3  # gap up to which a contact is looked at in every step [m]
-CROWD_GAP_M = 1e-6  # gap of a third body that makes a cluster at any speed [m]
+CONTACT_RANGE_M = 1e-3  # gap up to which a contact is checked in every step [m]
+CROWD_GAP_M = 1e-6  # gap of a third body below which there is a cluster at any speed [m]
 
 
 @compiled_in_place
@@ -59,7 +59,7 @@ def _meets(b, i, j, radius, limits, half, mouths, jaws):  # type: ignore[no-unty
 
 @compiled_in_place
 def _line_gap(b, rail, jaws, limits):  # type: ignore[no-untyped-def]
-    """How far a ball is from a jaw, or from the line along which a rail is met, also where that is open."""
+    """Distance of a ball from a jaw, or from a rail's line of contact, also where that is open."""
     if rail >= 4:
         return jaw_gap(jaws[rail - 4], b[col.X], b[col.Y])
     return limits[rail // 2] - (1.0 - 2.0 * (rail % 2)) * b[rail // 2]
@@ -67,7 +67,7 @@ def _line_gap(b, rail, jaws, limits):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def rail_gap(b, rail, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """How far a ball is from where it meets a rail or a jaw; inf where that is open or elsewhere."""
+    """Distance of a ball from contact with a rail or a jaw; inf where that is open or elsewhere."""
     if rail < 4 and in_mouth(b[1 - rail // 2], rail, half, mouths):
         return math.inf
     return _line_gap(b, rail, jaws, limits)
@@ -171,7 +171,7 @@ def _near(b, kind, first, second, radius, limits, half, mouths, jaws, near):  # 
             x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
             away = x * x + y * y > apart * apart
         else:
-            away = _line_gap(b[i], -1 - j, jaws, limits) > CONTACT_RANGE_M  # what is in a mouth may come from aside
+            away = _line_gap(b[i], -1 - j, jaws, limits) > CONTACT_RANGE_M  # a ball in a mouth may come sideways
         if not away:
             near[found] = c
             found += 1
@@ -180,7 +180,7 @@ def _near(b, kind, first, second, radius, limits, half, mouths, jaws, near):  # 
 
 @compiled_in_place
 def is_still(b):  # type: ignore[no-untyped-def]
-    """Whether nothing of a ball moves."""
+    """Whether a ball has no velocity and no spin."""
     return b[col.VX] == 0.0 and b[col.VY] == 0.0 and b[col.WX] == 0.0 and b[col.WY] == 0.0 and b[col.WZ] == 0.0
 
 
@@ -279,7 +279,7 @@ def _through(  # type: ignore[no-untyped-def]
                 continue
             cushion = j < 0
             sudden = peak[c] == 0.0 and given[c] == 0.0
-            if sudden and -gap > CROWD_GAP_M + 2.0 * SPRING_STEP_S * abs(approach):  # it came from aside
+            if sudden and -gap > CROWD_GAP_M + 2.0 * SPRING_STEP_S * abs(approach):  # it came sideways
                 given[c] = depth_of(cushion, gap, radius)[0]
                 if cushion and gap < -MOUTH_DEPTH_M and jaws.shape[0] == 0 and not stays[i]:
                     pot(b, kind, i)

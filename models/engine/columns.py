@@ -12,5 +12,5 @@ COLUMN_COUNT = 20
 (
     X, Y, VX, VY, WX, WY, WZ, TURN, ROLLED, CLOCK, AX, AY, END, MEET, BEGIN, SPAN, MODE, LAST, BOUND, TRY,
 ) = range(COLUMN_COUNT)  # fmt: skip
-STATE_SIZE = 9  # columns of the state, X to ROLLED
-TERM_COUNT = 6  # of the polynomial in time that each of them follows on a curve
+STATE_SIZE = 9  # columns of the state, from X to ROLLED
+TERM_COUNT = 6  # terms of the polynomial in time of each column on a curve

@@ -36,27 +36,27 @@ from models.hooks import (
 )
 from models.shot import GRAVITY, SESSION_FIELDS
 
-STEP_TOLERANCE_M = 3e-7  # of a step, as an error of position at the end of the roll [m]
-MIN_DECELERATION = 0.1  # that a rolling ball slows down by, or less on a faster cloth: how long an error lasts [m/s^2]
-LEAST_DECELERATION = 1e-3  # on the fastest cloth [m/s^2]
-SPIN_ERROR_S = 0.1  # how long an error of sidespin counts [s]
-SHORT_SLIDE_S = 1e-3  # rest of a slide that is taken at a constant friction [s]
+STEP_TOLERANCE_M = 3e-7  # error of a step, as an error of position at the end of the roll [m]
+MIN_DECELERATION = 0.1  # deceleration of a roll, less on a faster cloth, which limits how long an error lasts [m/s^2]
+LEAST_DECELERATION = 1e-3  # the same on the fastest cloth [m/s^2]
+SPIN_ERROR_S = 0.1  # time for which an error of sidespin counts [s]
+SHORT_SLIDE_S = 1e-3  # rest of a slide that is computed with constant friction [s]
 SHORT_SOFT_SLIDE_S = 1e-4  # the same where friction is not the full one [s]
-SHORT_ROLL_S = 0.03  # rest of a roll that is taken straight [s]
-LAST_TURN = 0.5  # by which a step may turn a roll that is turned more than slowed [rad]
-END_SHARE = 0.995  # of the way to the end of a roll or a slide, at most, in a step
-END_SHARE_SOFT = 0.9  # the same where the friction of a slide is not the full one
-SPEED_ERROR = 0.02  # of a step of a roll, over its speed: more of a slow one would bring back what has died away
+SHORT_ROLL_S = 0.03  # rest of a roll that is computed as a straight line [s]
+LAST_TURN = 0.5  # largest turn in one step of a roll that is turned more than slowed [rad]
+END_SHARE = 0.995  # largest part of the rest of a roll or a slide in one step
+END_SHARE_SOFT = 0.9  # the same for a slide whose friction is not the full one
+SPEED_ERROR = 0.02  # error of a step of a slow roll, over its speed: a larger one would restore a decayed speed
 TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
-MAX_STEP_RATIO = 9.0  # a step over what it leaves of a motion, beyond which errors no longer grow with it
-MAX_REMAINING_S = 1e3  # what is left of a motion, at most [s]
-LAST_STAGE_LEAD_S = 1e-9  # by which a step's last look comes before its end, where a push may switch [s]
-CREEP_SPEED = 3e-3  # of a ball that creeps, at most: in SHORT_ROLL_S what acts on it does not change [m/s]
-CREEP_SHARE = 0.1  # of the resistance to rolling, by which what pushes a ball that creeps differs from it, at most
-NO_RESISTANCE = 1e-6  # rolling resistance that is none [m/s^2]
-MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step, at most, at least, and below what its error allows
-MAX_STEP_S = 2.0  # [s]
-MIN_STEP_S = 1e-7  # step that is taken whatever its error [s]
+MAX_STEP_RATIO = 9.0  # ratio of a step to the rest of a motion above which errors no longer grow with it
+MAX_REMAINING_S = 1e3  # longest rest of a motion [s]
+LAST_STAGE_LEAD_S = 1e-9  # time from the last stage of a step to its end, where a push may switch [s]
+CREEP_SPEED = 3e-3  # largest speed of a creeping ball: within SHORT_ROLL_S its forces do not change [m/s]
+CREEP_SHARE = 0.1  # largest difference between push and rolling resistance of a creeping ball, over the resistance
+NO_RESISTANCE = 1e-6  # rolling resistance below which there is none [m/s^2]
+MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step: largest and smallest growth, and safety margin
+MAX_STEP_S = 2.0  # longest step [s]
+MIN_STEP_S = 1e-7  # step that is accepted whatever its error [s]
 
 
 @compiled_in_place

@@ -1,4 +1,4 @@
-"""What an impact is about to be, approach and slip of the bodies that meet, and what the effects say of how it goes."""
+"""The state of a coming impact, approach and slip of the bodies, and its law as the effects give it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, Array
 CLIMB_FRICTION = (
     0.43  # friction of a cushion above which a ball would climb its nose (tan of the nose's elevation: 0.436)
 )
-MAX_NOSE_SINE = 0.8  # of a cushion's nose over a ball's centre: higher ones press it down more than back
+MAX_NOSE_SINE = 0.8  # largest sine of a nose over a ball's centre: higher ones press it down more than back
 RAIL_OF_JAW = np.array(JAW_RAILS)
 
 
@@ -115,7 +115,7 @@ def deliver(v, w, own, hooks, radius, mass, cue):  # type: ignore[no-untyped-def
 
 @compiled
 def strike_rows(own, hooks, radius, mass, struck, velocity, spin):  # type: ignore[no-untyped-def]
-    """What the cue really delivers to ball 0 of every simulation that is struck: velocity, spin (n, nball, ...)."""
+    """Velocity and spin (n, nball, ...) with the effects of the cue on ball 0 of every simulation with a strike."""
     cue = np.zeros(STROKE_FIELDS)
     for s in range(struck.size):
         if struck[s]:

@@ -17,13 +17,13 @@ from models.engine.cluster import CROWD_GAP_M
 from models.engine.motion import POTTED, place
 from models.engine.touch import MAX_RECHECK_S, PRESSED_RECHECK_S
 
-LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # for how long a ball that leans is known to [s]
+LEAN_MEMORY_S = 5.0 * MAX_RECHECK_S  # time for which the contact of a leaning ball is remembered [s]
 # What is pressed rests once it has moved by no more than a way for a time. In the shorter time a net push of 8 mm/s2
 # drives it further; the longer one ends creeping along a cushion, which sinking in and friction sustain.
 HELD_AFTER_S, HELD_WAY_M = (0.05, 0.2), (1e-5, 4e-4)  # [s], [m]
-CALM_SPEED = 1e-4  # between bodies that lean on each other, with which they may go on until the next look [m/s]
-CREEP_SPEED = 2e-3  # of what is pressed and has not moved: any rolling resistance would have stopped it [m/s]
-BESIDE_M = 1e-4  # gap to a ball that is hit, at which what is held is no longer known to be [m]
+CALM_SPEED = 1e-4  # relative speed that bodies in lasting contact may keep until the next check [m/s]
+CREEP_SPEED = 2e-3  # largest speed of a pressed ball that has not moved: rolling resistance would have stopped it [m/s]
+BESIDE_M = 1e-4  # gap to a struck ball below which a held ball has to be checked again [m]
 
 
 @compiled_in_place

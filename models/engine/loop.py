@@ -37,7 +37,7 @@ from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
 from models.hooks import STROKE_FIELDS
 
-ROW_SIZE = 8  # numbers of a ball at a moment: place, velocity, spin, angle turned
+ROW_SIZE = 8  # numbers of a ball at one time: place, velocity, spin, angle turned
 
 
 @compiled_in_place
@@ -184,7 +184,7 @@ def _last_motion(b, kind, alpha):  # type: ignore[no-untyped-def]
 
 @compiled_within
 def _hand_back(balls, kind, now, radius, alpha, start, potted):  # type: ignore[no-untyped-def]
-    """The balls as they are at the end."""
+    """The balls at the end of the shot."""
     b, m, _ = balls
     for i in range(b.shape[0]):
         if kind[i] != POTTED:

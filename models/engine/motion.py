@@ -18,7 +18,7 @@ from models.shot import GRAVITY
 
 # What a ball does: closed forms, or along a curve.
 REST, SLIDE, ROLL, POTTED, CURVE = 0, 1, 2, 3, 4
-GOES_ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve's end is reached
+GOES_ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve ends: the motion continues, the slide ends, the ball stops
 
 
 @compiled_in_place

@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from models.model_file import Model
 
 EVENT_KINDS = ("ball", "cushion", "pocket")
-CLOTH_CONSTANTS = ("slide", "roll", "spin")  # constants of the cloth
-MAX_EVENTS = 1_000_000  # events of a shot, after which it is given up; balls that a push drives may take nearly as many
-LOG_ROOM = 64  # room for events of a shot to begin with
-MIN_CHUNK = 8  # shots that a thread takes at a time, at least
-CHUNKS_PER_THREAD = 8  # chunks for each thread, at most
+CLOTH_CONSTANTS = ("slide", "roll", "spin")  # names of the cloth's constants
+MAX_EVENTS = 1_000_000  # events after which a shot is given up; balls driven by a push may need nearly as many
+LOG_ROOM = 64  # initial room for the events of a shot
+MIN_CHUNK = 8  # smallest number of shots that a thread takes at a time
+CHUNKS_PER_THREAD = 8  # largest number of chunks for each thread
 
 
 @cache

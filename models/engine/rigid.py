@@ -25,9 +25,9 @@ from models.engine.impacts import ask, describe, part
 from models.engine.motion import POTTED
 from models.shot import GRAVITY
 
-MAX_SWEEPS = 20  # over all that press on each other; what is left of their approach waits for the next look
-SETTLED_SPEED = 1e-6  # approach speed that is left between bodies that press on each other [m/s]
-PARTED_M = 1e-7  # overlap that is left between them, which putting one back may have made [m]
+MAX_SWEEPS = 20  # largest number of sweeps over bodies that press on each other; the next check treats the rest
+SETTLED_SPEED = 1e-6  # approach speed that may remain between bodies that press on each other [m/s]
+PARTED_M = 1e-7  # overlap that may remain between them, for instance after a correction of a place [m]
 
 
 @compiled_in_place

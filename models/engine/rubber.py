@@ -17,7 +17,7 @@ from models.shot import GRAVITY
 MAX_RAIL_DEPTH = (
     0.75  # of a ball's centre in a rail, over the radius: a centre that passes the nose line is in a pocket
 )
-MAX_SLOWED = 0.4  # of its speed out of a rail, that sliding friction may take from a ball that is still in it
+MAX_SLOWED = 0.4  # largest part of its speed out of a rail that sliding friction may take from a ball still in it
 
 
 @compiled_in_place
@@ -56,7 +56,7 @@ def stopped_in_rail(b, kind, moved, jaws, limits, half, mouths):  # type: ignore
 
 @compiled_in_place
 def push_out(b, kind, i, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """Put a ball out of the rails, and what is then in its way aside; fills `touched` (n,), the balls that moved."""
+    """Move a ball out of the rails, and balls in its way likewise; fills `touched` (n,), the balls that moved."""
     for q in range(b.shape[0]):
         touched[q] = q == i
     part_all(b, kind, touched, jaws, radius, limits, half, mouths)

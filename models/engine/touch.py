@@ -28,13 +28,13 @@ from models.engine import columns as col
 from models.engine.motion import CURVE, POTTED, REST, place, pull
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
-MOUTH_DEPTH_M = 1e-4  # beyond where centres meet a cushion, from which a ball is in a pocket's mouth for good [m]
+MOUTH_DEPTH_M = 1e-4  # depth beyond the line of contact from which a ball is in a pocket's mouth for certain [m]
 # Until what is pressed together at rest is looked at again [s]: at most what lets it sink by PRESSED_DEPTH_M, but for
 # the shortest time, and what lets it come to this part of the speed at which it no longer leans.
 PRESSED_RECHECK_S, MAX_RECHECK_S, PRESSED_DEPTH_M, LEAN_SHARE = 1e-3, 4e-3, 5e-7, 0.8
-BESIDE_MOUTH_M = 1e-9  # beyond a mouth's side or its nose line, where a ball has left it or is in it for certain [m]
-MOST_STEPS = 200  # towards a touch
-NO_STEP_S = 1e-15  # step that is none [s]
+BESIDE_MOUTH_M = 1e-9  # distance beyond a mouth's side or nose line at which a ball is certainly outside or inside [m]
+MOST_STEPS = 200  # largest number of steps towards a touch
+NO_STEP_S = 1e-15  # step below which there is none [s]
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""What cloth and effects do to one ball within a step: it may cease to slide, to roll or to spin on the way."""
+"""The change of one ball by cloth and effects in a step, in which it may cease to slide, to roll or to spin."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from models.engine import columns as col
 from models.engine.curve import push
 from models.hooks import call_horizon
 
-NATIVE: Final = -1  # how a ball moves on MuJoCo's own cloth, for which nothing else is asked
+NATIVE: Final = -1  # motion of a ball on MuJoCo's own cloth, which needs nothing else
 MAX_PHASES: Final = 6  # of a step: the ends of a slide, of a roll, of sidespin, and where a push switches
 
 

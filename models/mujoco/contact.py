@@ -1,7 +1,7 @@
-"""An impact as MuJoCo's contact: what meets, how hard it pushes, and what friction goes with that.
+"""An impact as MuJoCo's contact: the bodies, the normal force, and the friction with it.
 
 The force of the spring (models/analytic/spring.py) is written into the contact's row before MuJoCo's solver takes it
-up: at the low impedance of these contacts the solver hands on what the row asks for. Friction follows by the increments
+up: at the low impedance of these contacts the solver applies what the row requests. Friction follows by the increments
 of the impulse models.
 """
 

@@ -1,4 +1,4 @@
-"""What a table does to balls that `mj_step` moves: the passive forces of MuJoCo's state, in one compiled callback.
+"""The table's forces on balls that `mj_step` moves: MuJoCo's passive forces, in one compiled callback.
 
 Cloth and effects push and turn a ball as in the event engine (models/hooks.py). A step is no longer than the model's,
 and shrinks towards a touch, each by at most half, down to SPRING_STEP_S, which springs are resolved in; the callback
@@ -42,14 +42,14 @@ NATIVE_STEP_S: Final = 1e-4  # in contacts with MuJoCo's own terms [s]
 LEAN_STEP_S: Final = 2e-4  # while what moves may be driven into what it all but touches, at no speed yet [s]
 TOUCH_M: Final = 1e-6  # gap of such bodies [m]
 CALM_STEP_S: Final = 2e-5  # while balls only lean on each other or on a cushion [s]
-FASTEST: Final = 30.0  # that a ball moves, beyond any stroke: MuJoCo reports what may meet within a step [m/s]
+FASTEST: Final = 30.0  # speed of a ball beyond any stroke: MuJoCo reports contacts possible within a step [m/s]
 SUPPORT_MARGIN_M: Final = 1e-7  # gap below which the slate carries a ball [m]
 LIFTED_M: Final = 1e-6  # below its height on the slate: a ball that falls and comes back to this lies there again [m]
-TAKEN: Final = 2.0  # in the column SUNK of what begins to fall with the next step
+TAKEN: Final = 2.0  # value in the column SUNK of a ball that begins to fall with the next step
 FALLING_SPEED: Final = 1e-5  # of a ball that has begun to fall, at least: gravity gives more in any step [m/s]
 SUNK_M: Final = 3e-3  # below its height on the slate, from which a ball is the pocket's [m]
 NET_TIME_S: Final = 0.03  # in which a net stops what falls into it [s]
-ARCS: Final = len(ARC_RAILS)  # of a table with jaws; facings come after them
+ARCS: Final = len(ARC_RAILS)  # number of arcs of a table with jaws; the facings follow them
 SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was to lead [s]
 
 
@@ -128,7 +128,7 @@ def _is_idle(table, numbers, balls, kept, b, i, j, kind):  # type: ignore[no-unt
 
 @compiled_in_place
 def _comes_from_a_mouth(table, numbers, ball, kept, kind, j, gap):  # type: ignore[no-untyped-def]
-    """Whether a ball is suddenly deep in a rail: it comes from aside, from a mouth, and is the pocket's."""
+    """Whether a ball is suddenly deep in a rail: it comes sideways from a mouth, and the pocket takes it."""
     if kind != mem.NOSE or table[mem.JAW_COUNT] > 0 or numbers[mem.CORNER_MOUTH] == 0.0 or ball[mem.STAYS] > 0.0:
         return False
     return gap < -MOUTH_DEPTH_M and kept[mem.PEAK] == 0.0 and kept[mem.GIVEN] == 0.0
@@ -144,7 +144,7 @@ def _is_native(table, kind):  # type: ignore[no-untyped-def]
 def _choose_step(  # type: ignore[no-untyped-def]
     table, numbers, longest, balls, kept, b, o, contact_at, ncon, geoms, n, before,
 ):  # fmt: skip
-    """How long the next step is [s]: at most twice the one before, and half of the way to the next touch."""
+    """Length of the next step [s]: at most twice the one before, and half of the way to the next touch."""
     step = longest
     if before > 0.0:
         step = min(step, 2.0 * before)

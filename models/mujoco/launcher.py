@@ -57,7 +57,7 @@ MISCUE_SHARE: Final = 0.2  # part of the impulse that the tip passes on while it
 
 @dataclass(frozen=True)
 class SimulatedStroke:
-    """What came of a stroke: the ball as the tip leaves it, and what it took."""
+    """Result of a stroke: the ball as the tip leaves it, and the peaks of the drive."""
 
     cue_speed: float  # along its axis, just before it hits [m/s]
     cue_left: float  # the same, as the tip leaves [m/s]
@@ -257,16 +257,16 @@ class _Machine:
         self.force = max(self.force, float(np.abs(data.efc_force[gear]).max(initial=0.0)))
 
     def cue_speed(self) -> float:
-        """Of the cue along its axis [m/s]."""
+        """Speed of the cue along its axis [m/s]."""
         return float(self.data.qvel[self.dof["rack"]] + self.data.qvel[self.dof["grip slide"]])
 
     def gap(self) -> float:
-        """Between the surfaces of tip and ball [m]."""
+        """Gap between the surfaces of tip and ball [m]."""
         apart = np.linalg.norm(self.data.geom_xpos[self.tip] - self.data.geom_xpos[self.ball])
         return float(apart - self.model.geom_size[self.tip, 0] - self.model.geom_size[self.ball, 0])
 
     def touch(self) -> tuple[float, float, float] | None:
-        """Of the tip on the ball in the last step: normal force, friction [N], slip speed [m/s]; None if apart."""
+        """Force of the tip on the ball in the last step: normal, friction [N], slip speed [m/s]; None if apart."""
         data = self.data
         for k in range(data.ncon):
             contact = data.contact[k]

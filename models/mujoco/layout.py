@@ -1,4 +1,4 @@
-"""Where MuJoCo's structs hold what a compiled callback needs, found by looking for values and addresses known here.
+"""Offsets in MuJoCo's structs that a compiled callback needs, found by searching for known values and addresses.
 
 The offsets differ between versions of MuJoCo, and its Python package states none. A small model is made whose
 timestep, time and contacts have values that stand nowhere else; what points to an array is found by its address.
@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-SCANNED_BYTES = 1 << 19  # of a struct, at most: an mjData has some 160 kB
-CHUNK_BYTES = 4096  # read at a time, so that nothing far behind a struct is touched
-MARK = 0.123456789012345e-3  # a number that stands nowhere else
+SCANNED_BYTES = 1 << 19  # largest size of a struct: an mjData has some 160 kB
+CHUNK_BYTES = 4096  # bytes read at a time, so that memory far behind a struct is never touched
+MARK = 0.123456789012345e-3  # a number that occurs nowhere else
 (
     MODEL_TIMESTEP, MODEL_NUMERIC, DATA_TIME, DATA_NCON, DATA_QPOS, DATA_QVEL, DATA_USERDATA, DATA_PASSIVE,
     DATA_CONTACT, DATA_KBIP, DATA_D, CONTACT_SIZE, CONTACT_DIST, CONTACT_FRAME, CONTACT_MARGIN, CONTACT_GEOM,
@@ -33,7 +33,7 @@ XML = """
 
 
 class LayoutError(RuntimeError):
-    """This version of MuJoCo holds its numbers in a way that is not understood."""
+    """Raised for a version of MuJoCo with an unknown layout of its structs."""
 
 
 def _find(start: int, wanted: bytes, step: int) -> int:

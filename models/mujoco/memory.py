@@ -1,6 +1,6 @@
-"""What compiled code knows of a world and of a simulation: numbers by their columns, and arrays behind addresses.
+"""Layout of the memory of a world and of a simulation for compiled code: columns, and arrays behind addresses.
 
-A world (models/mujoco/world.py) hands over one table of integers, which says how many there are of what and where
+A world (models/mujoco/world.py) passes one table of integers with the number of items and where
 arrays stand. A simulation keeps what it must remember from step to step in `userdata`: so mj_copyData takes it along,
 and simulations of one model that run side by side share nothing.
 """
@@ -16,7 +16,7 @@ from models import record as rec
 from models.engine import columns as col
 from models.shot import SESSION_FIELDS
 
-ALL: Final = 1 << 30  # size of an array whose own is not asked for
+ALL: Final = 1 << 30  # size of an array whose real size is not needed
 
 # The table of a world.
 (
@@ -47,7 +47,7 @@ ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
     PART, PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
     DECAY, SINE, CONTACT_MEMORY,
 ) = range(17)  # fmt: skip
-PAST: Final = 8  # of each ball at the last look: place, velocity, spin, angle turned
+PAST: Final = 8  # numbers of each ball at the last step: place, velocity, spin, angle turned
 WORK: Final = 4 * 10
 
 # A record: how many samples and events there is room for, how many there are; then times, samples, events.
@@ -58,19 +58,19 @@ EVENT_BALL, EVENT_CUSHION, EVENT_POCKET = 0, 1, 2  # in the order of models/engi
 
 
 def contact_count(balls: int) -> int:
-    """How many contacts are remembered: of each two balls, and of each ball with each rail and what goes on from it."""
+    """Number of remembered contacts: of each two balls, of each ball with each rail and its continuation."""
     return balls * (balls - 1) // 2 + balls * RAILS
 
 
 def memory_size(balls: int) -> int:
-    """How many numbers a simulation remembers, with room for work."""
+    """Size of the memory of a simulation, with work space."""
     each = BALL_MEMORY + PAST + col.COLUMN_COUNT + 5
     work = rec.BALL_FIELDS + rec.IMPACT_FIELDS + WORK
     return HEAD + balls * each + contact_count(balls) * CONTACT_MEMORY + work
 
 
 def record_size(times: int, balls: int, events: int) -> int:
-    """How many numbers a record has."""
+    """Size of a record."""
     return RECORD_HEAD + times * (1 + balls * SAMPLE) + events * EVENT
 
 

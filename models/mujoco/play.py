@@ -148,7 +148,7 @@ def _step(batch: Any, records: Sequence[Array], qpos: Array, qvel: Array, kept: 
 
 
 def _fill(record: Array, qpos: Array) -> None:
-    """Write down that balls rest where they are, at all times that are left."""
+    """Record balls at rest in their places at all remaining times."""
     count, done = int(record[mem.TIME_COUNT]), int(record[mem.NEXT_TIME])
     samples = record[mem.RECORD_HEAD + count :][: count * len(qpos) * mem.SAMPLE].reshape(count, -1, mem.SAMPLE)
     samples[done:, :, :2], samples[done:, :, 2:7] = qpos[:, :2], 0.0

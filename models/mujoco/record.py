@@ -1,4 +1,4 @@
-"""What a simulation writes down while it is stepped: samples at the times asked for, impacts and pots.
+"""Records of a simulation while it is stepped: samples at the requested times, impacts and pots.
 
 In: addresses of a record and states at two looks. Between them a ball is carried by the velocity that MuJoCo moved it
 with, which is that of the middle of the step.
@@ -16,7 +16,7 @@ from models.mujoco import memory as mem
 
 @compiled_in_place
 def note(record_at, n, now, kind, i, other, b):  # type: ignore[no-untyped-def]
-    """Count an event of ball i, and write it down where there is room."""
+    """Count an event of ball i, and record it if there is room."""
     record = mem.doubles(record_at)
     number, times = int(record[mem.EVENT_COUNT]), int(record[mem.TIME_COUNT])
     record[mem.EVENT_COUNT] = number + 1.0
@@ -28,7 +28,7 @@ def note(record_at, n, now, kind, i, other, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def look_back(record_at, n, now, then, before, b, past, balls):  # type: ignore[no-untyped-def]
-    """Write down the samples up to `now`, between the look at `then` and this one, and keep this one for the next."""
+    """Record the samples up to `now`, between the state at `then` and the present one, and keep the latter."""
     record = mem.doubles(record_at)
     count, number = int(record[mem.TIME_COUNT]), int(record[mem.NEXT_TIME])
     step = now - then

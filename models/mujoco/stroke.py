@@ -1,4 +1,4 @@
-"""What the launcher's strokes give against the cueing model (models/analytic/cue_impulse.py), and ask of its drive.
+"""The launcher's strokes against the cueing model (models/analytic/cue_impulse.py), and the load on its drive.
 
 The drive in closed form, for a raised-cosine run-up of length s to the speed v: peak acceleration a = (pi / 4) v^2 / s;
 force between pinion and rack F = (m_rack + m_cue) (a - g sin(tilt)) + friction; motor torque
@@ -39,8 +39,8 @@ from models.mujoco.world import World
 from models.shot import GRAVITY, Array
 
 Stroke = tuple[float, float, float]  # cue speed [m/s], side and height of its axis [m]
-CUE_BALL_SPOT = np.array([-1.23, 0.0])  # where the struck ball lies [m]
-GRID_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # of the cue (Robotic Billiards 2015) [m/s]
+CUE_BALL_SPOT = np.array([-1.23, 0.0])  # place of the struck ball [m]
+GRID_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # speeds of the cue (Robotic Billiards 2015) [m/s]
 GRID_SIDES, GRID_HEIGHTS = np.arange(0, 13, 2) / 1000, np.arange(-12, 13, 2) / 1000  # x'0, y'0 (the same) [m]
 PAPER_GRID = tuple((v, float(x), float(y)) for v, x, y in itertools.product(GRID_SPEEDS, GRID_SIDES, GRID_HEIGHTS))
 SMALL_GRID = tuple(itertools.product(GRID_SPEEDS[::2] + GRID_SPEEDS[3:4], (0.0, 0.006, 0.012), (-0.008, 0.0, 0.008)))
@@ -51,7 +51,7 @@ MOTOR_RATING = {
     "speed": 3000.0,
     "top speed": 5000.0,
 }  # SVL-202, N m, W, rpm
-BEARING_FRICTION = 2.0  # of the rack's bearings [N]
+BEARING_FRICTION = 2.0  # friction of the rack's bearings [N]
 RPM_PER_RAD_S = 30 / np.pi
 
 
@@ -67,7 +67,7 @@ def played(launcher: Launcher, strokes: Sequence[Stroke], *, threads: int = 2) -
 
 
 def errors(launcher: Launcher, asked: Sequence[Stroke], strokes: Sequence[SimulatedStroke]) -> Array:
-    """How far strokes along x are from the cueing model at the cue speed that was attained: (n, 3).
+    """Errors of strokes along x against the cueing model at the attained cue speed: (n, 3).
 
     Columns: horizontal ball speed [%]; spin, the length of the difference times R over the ball's speed [%] (100 is as
     much as natural roll); squirt [degrees]. The model is models/analytic/cue_impulse.py with the cloth's friction; the
@@ -153,7 +153,7 @@ def closed_form(launcher: Launcher, cue_speed: float) -> dict[str, float]:
 
 
 def print_drive(ball_speed: float = 4.0) -> None:
-    """Print what a ball of this speed asks of the drive, simulated and in closed form, beside its rating."""
+    """Print the load on the drive for a ball of this speed, simulated and in closed form, and its rating."""
     launcher, places = machine(), {"white": CUE_BALL_SPOT}
     [trial] = played(launcher, [(needed_cue_speed(ball_speed), 0.0, 0.0)])
     cue_speed = needed_cue_speed(ball_speed) * ball_speed / float(np.hypot(*trial.velocity[:2]))
@@ -193,7 +193,7 @@ def print_drive(ball_speed: float = 4.0) -> None:
 
 
 def write_csv(path: Path, asked: Sequence[Stroke], strokes: Sequence[SimulatedStroke]) -> None:
-    """Write every stroke, SI."""
+    """Write a CSV file with a row for every stroke, in SI units."""
     head = "speed_asked,side,height,cue_speed,vx,vy,vz,wx,wy,wz,squirt,contact_time,tip_force,slip,miscue\n"
     rows = []
     for one, s in zip(asked, strokes, strict=True):
@@ -237,7 +237,7 @@ def picture(path: Path, width: int = 1280) -> None:
 @click.option("--picture", "picture_file", type=FILE_PATH, metavar="OUT.png", help="Only draw the launcher.")
 @click.option("--width", type=int, default=1280, show_default=True, help="Width of the picture [pixels].")
 def main(grid: bool, out: Path | None, picture_file: Path | None, width: int) -> int:
-    """Compare the launcher's strokes with the cueing model, and print what a 4 m/s ball asks of its drive."""
+    """Compare the launcher's strokes with the cueing model, and print the load on its drive for a 4 m/s ball."""
     if picture_file:
         picture(picture_file, width)
         return Status.DONE

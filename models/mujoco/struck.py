@@ -1,4 +1,4 @@
-"""Shots whose first ball the launcher's tip strikes, played to their end in MuJoCo.
+"""Shots whose first ball the launcher's tip strikes, simulated to their end in MuJoCo.
 
 The stroke runs in a world with the launcher (models/mujoco/launcher.py), at the small steps that its leather needs.
 Once the tip has left, the balls go on as they are in a world without it, many shots side by side
@@ -81,7 +81,7 @@ def play_struck(
 
 
 def _whole(track: Track, times: Array, stroke: SimulatedStroke, at_rest: Array) -> Track:
-    """A track from the touch on: until the tip has left, the struck ball is said to go evenly to where it is then."""
+    """A track from the touch on; until the tip has left, the struck ball is interpolated linearly."""
     early = int(np.sum(times <= stroke.since))
     part = (times[:early] / stroke.since)[:, None, None]
     before = at_rest + part * (track.position[0] - at_rest)

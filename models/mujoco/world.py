@@ -42,18 +42,18 @@ if TYPE_CHECKING:
     from models.hooks import Hooks
     from models.model_file import Model
 
-STEP_S: Final = 1e-3  # the longest, unless said otherwise [s]
-NET_DEPTH_M: Final = 1.0  # below the slate, at which balls out of play hang: under the floor of a furnished table [m]
-STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] that are none: rounding, and what a stiff slate leaves
-SLEEP_SPEED: Final = 1e-8  # below which MuJoCo lets a ball sleep [m/s]
+STEP_S: Final = 1e-3  # longest step unless stated otherwise [s]
+NET_DEPTH_M: Final = 1.0  # depth below the slate of balls out of play: under the floor of a furnished table [m]
+STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] below which there is none: rounding, and effects of a stiff slate
+SLEEP_SPEED: Final = 1e-8  # speed below which MuJoCo lets a ball sleep [m/s]
 WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
 SUPPORT: Final = "support"  # geom that carries balls, where there is slate
-LOAD, NOT_REDUCED = "load ", 0  # name of a sensor begins so; of MuJoCo's contact sensors
-POST_HALF_HEIGHT_M: Final = 0.05  # of what stands for the arc of a jaw [m]
-LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # of contacts whose force the callback gives, and of the slate
-SLATE_TIME_S: Final = 0.004  # in which the slate lifts what has sunk into it [s]
-PROCESS: Final = secrets.randbits(50) + 1.0  # addresses mean nothing to another process
-BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # of marked balls: colour, half its width over the radius
+LOAD, NOT_REDUCED = "load ", 0  # beginning of a sensor's name; "not reduced" for MuJoCo's contact sensors
+POST_HALF_HEIGHT_M: Final = 0.05  # half height of the cylinder that represents the arc of a jaw [m]
+LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # impedance of contacts whose force the callback computes, of the slate
+SLATE_TIME_S: Final = 0.004  # time in which the slate lifts a body that has sunk into it [s]
+PROCESS: Final = secrets.randbits(50) + 1.0  # random number of this process: addresses are invalid in another one
+BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # band of marked balls: colour, half its width over the radius
 _kept: dict[int, Any] = {}  # what compiled code points to, by address: models may outlive their World
 
 
@@ -63,7 +63,7 @@ def _act(model, data, where, table_at):  # type: ignore[no-untyped-def]
 
 @cache
 def _install() -> None:
-    """Make the callback and hand it to MuJoCo, once.
+    """Make the callback and install it in MuJoCo, once.
 
     What it does is compiled by itself and kept on disk; only the few lines that know addresses of this process are
     compiled anew.
@@ -164,7 +164,7 @@ class World:
             pair.gap = FASTEST * spec.option.timestep
 
     def _masses(self) -> Array:
-        """Of the balls, as the effects of impacts have them: (rows, n) [kg]."""
+        """Masses of the balls with the effects of impacts: (rows, n) [kg]."""
         n, radius, game = len(self.names), self.model.ball.radius, self._game
         factor = np.ones((self.rows, n))
         if n > 1 and not self._native[mem.NATIVE_BALLS]:
@@ -191,7 +191,7 @@ class World:
         self._connect(self._timestep)
 
     def _connect(self, timestep: float) -> None:
-        """Lay out what the callback reads, and lead the model to it."""
+        """Lay out the callback's data, and store their address in the model."""
         game, compiled_model, ball = self._game, self.mj_model, self.model.ball
         hooks, pockets, table_sizes = game.hooks, game.pockets, self.model.table
         joints = [compiled_model.joint(name) for name in self.names]
@@ -230,7 +230,7 @@ class World:
         compiled_model.numeric_data[:2] = PROCESS, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
 
     def _felt(self) -> Any:
-        """Where the sensors of what the slate bears stand in `sensordata`, -1 for balls without: (n,)."""
+        """Indices in `sensordata` of the sensors of the slate's load, -1 for balls without: (n,)."""
         model = self.mj_model
         found = {model.sensor(k).name: int(model.sensor_adr[k]) for k in range(model.nsensor)}
         return np.array([found.get(LOAD + name, -1) for name in self.names], np.int64)
@@ -247,7 +247,7 @@ class World:
         )  # fmt: skip
 
     def forget(self) -> None:
-        """Let go of what the callback reads, where nobody steps this world or a copy of its model any more."""
+        """Free the callback's data, once neither this world nor a copy of its model is stepped any more."""
         address = int(self.mj_model.numeric_data[1:2].view(np.int64)[0])
         self.mj_model.numeric_data[:2] = 0.0
         _kept.pop(address, None)
@@ -329,7 +329,7 @@ class World:
 
 
 def memory(row: int, struck_at: float, launch: float, session: Session, size: int) -> Array:
-    """What a simulation remembers at a strike: (size,)."""
+    """The memory of a simulation at a strike: (size,)."""
     kept = np.zeros(size)
     kept[mem.ROW], kept[mem.STATE_TIME], kept[mem.STRUCK_AT], kept[mem.LAUNCH] = row, np.nan, struck_at, launch
     kept[mem.SESSION : mem.HEAD] = session.row
@@ -339,7 +339,7 @@ def memory(row: int, struck_at: float, launch: float, session: Session, size: in
 def _add_noses(
     spec: mujoco.MjSpec, half_length: float, half_width: float, radius: float, pockets: Pockets
 ) -> list[tuple[str, int, int]]:
-    """Add what balls meet at the rails: names, kinds, and numbers of rails, or 4 + those of jaws."""
+    """Add the geoms of the rails; returns names, kinds, and numbers of rails, or 4 + those of jaws."""
     found: list[tuple[str, int, int]] = []
     height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
 

@@ -1,4 +1,4 @@
-"""What the camera reports of shots: when it looked, and where it believes the balls to be.
+"""The camera's report of shots: the times of its exposures, and the places of the balls.
 
 Effects with the hooks `exposures` and `observe` are the camera. Positions pass through `observe` in the order of the
 model's stack, from the table to the report; time stamps pass through `exposures` the other way.
@@ -27,13 +27,13 @@ from models.model_file import Model
 from models.shot import SESSION_FIELDS, Array, Shot, Track
 from models.simulation.simulate import simulate
 
-PLACE_TOLERANCE_M = 1e-13  # change of a place that is looked for, below which it is found [m]
-RUNAWAY_M = 1.0  # beyond it the search runs away [m]
+PLACE_TOLERANCE_M = 1e-13  # change of an iterated place below which it has converged [m]
+RUNAWAY_M = 1.0  # change of a place above which the iteration diverges [m]
 MAX_ROUNDS = 200
 
 
 def camera(model: Model) -> tuple[Effect, ...]:
-    """The effects that stand between what happens and what is reported."""
+    """The effects of the camera."""
     return tuple(e for e in model.stack()[1:] if e.opens("observe", "exposures"))
 
 

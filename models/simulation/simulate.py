@@ -10,7 +10,7 @@ from models.engine.play import lacking, play
 from models.model_file import Model
 from models.shot import Shot, Track
 
-CHUNK_SIZE = 1024  # simulations at a time
+CHUNK_SIZE = 1024  # number of simulations at a time
 CONTACT_MODES = ("clusters", "never")
 
 
