@@ -64,7 +64,7 @@ def import_tracks(
         None if y is None else y == "down", **stated,
     )  # fmt: skip
     shots = [ShotFile(f"clips/{path.stem}.csv") for path in paths]
-    return with_doubts(import_files(paths, shots, known.table, known.ball, told, pixels).clip_set, doubts)
+    return with_doubts(import_files(paths, shots, known.table, known.ball, statements, pixels).clip_set, doubts)
 
 
 def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:
