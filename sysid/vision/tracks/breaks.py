@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from sysid.vision.tracks.follow import BallTrack
-from sysid.vision.tracks.moves import SURE_SD, TrackedScene
+from sysid.vision.tracks.moves import MIN_REST_DETECTIONS, SURE_SD, TrackedScene
 from sysid.vision.tracks.phases import Phase
 
 MIN_KNOWN = 3  # detections of a phase whose speed is known
@@ -40,15 +40,16 @@ def first_break(scene: TrackedScene, first: int, last: int) -> tuple[int, str]:
 def _gains(scene: TrackedScene, track: BallTrack, before: Phase, one: Phase) -> bool:
     """Whether a ball in motion gets farther or faster after a knot than the energy of all balls before it allows."""
     time, at = float(track.time[before.stop - 1]), float(track.time[one.first])
-    # Balls that met may show it in different frames. None gains energy: a phase has most at its beginning.
-    energy, since = 0.0, time - 1.5 * scene.period
+    # What a ball lost of its speed may be in its spin still, until it rests.
+    energy = 0.0
     for other in scene.tracks:
-        speeds = [0.0]
+        fastest_so_far = 0.0
         for phase in scene.phases[other.name]:
-            if phase.start <= time and phase.end >= since and not phase.rest:
+            if phase.start <= time:
                 speed, sd = _speed(phase, phase.start)
-                speeds.append(speed + SURE_SD * sd)
-        energy += max(speeds) ** 2
+                rests = phase.still and phase.stop - phase.first >= MIN_REST_DETECTIONS and phase.end < time
+                fastest_so_far = 0.0 if rests else max(fastest_so_far, speed + SURE_SD * sd)
+        energy += fastest_so_far**2
     fastest = math.sqrt(ROLLING_ENERGY * energy)
     way = float(np.linalg.norm(one.place(at) - before.place(time)))
     sd = math.hypot(before.place_sd(time), one.place_sd(at), scene.sigma)
