@@ -89,6 +89,10 @@ class FitView(ABC):
         """The fit after as many steps more as one with a candidate gets."""
 
     @abstractmethod
+    def settled(self) -> Self:
+        """The fit at its end, as it is handed on."""
+
+    @abstractmethod
     def gain(self, more: Self) -> float:
         """By how much another fit of the same shots is likelier, in log likelihood of independent residuals."""
 
