@@ -82,8 +82,10 @@ def template_texts(folder: Path, known: TableSet, named: str | None) -> dict[str
 
 
 def _pockets(table: Table, named: str | None) -> str:
-    if named in POCKET_SETS and table.pockets:
-        return f'pockets = "{named}"   # or false; [table.pockets] holds the measures of others\n'
+    same = [name for name, shapes in POCKET_SETS.items() if shapes == table.pockets]
+    if same:
+        name = named if named in same else same[0]
+        return f'pockets = "{name}"   # or false; [table.pockets] holds the measures of others\n'
     if isinstance(table.pockets, PocketShapes):
         return assignments({"pockets": asdict(table.pockets)})
     return f"pockets = {str(bool(table.pockets)).lower()}          # true: those of snooker, or one of " + (

@@ -124,6 +124,10 @@ class ByWholeShots(FitView):
         """The fit itself: each fit of whole shots continues until it converges."""
         return self
 
+    def settled(self) -> Self:
+        """The same: it has converged."""
+        return self
+
     def gain(self, more: Self) -> float:
         """Gain of log likelihood by another fit, each at its most likely errors of the model."""
         return 0.5 * compare_fits(self.now, more.now, 1.0).improvement

@@ -108,6 +108,12 @@ class ByWindows(FitView):
         more = fit_chain(found.chain, found.states, found.constants, CANDIDATE_STEPS, "with nothing more")
         return dataclasses.replace(self, at=moved_to(self.at, more))
 
+    def settled(self) -> Self:
+        """The fit continued to convergence, from windows searched again."""
+        last = self.at.fitted
+        end = fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model")
+        return dataclasses.replace(self, at=searched(moved_to(self.at, end)))
+
     def gain(self, more: Self) -> float:
         """Gain of log likelihood by another fit at the same errors of the model."""
         return float((self.at.fitted.losses - more.at.fitted.losses).sum())
@@ -185,12 +191,3 @@ def of_windows(at: WindowFit, base: FittedModel) -> FittedModel:
         base, problem=problem, constants=found.constants, covariance=found.covariance, converged=found.converged,
         rms=math.nan, chi2=math.nan, held_out=None,
     )  # fmt: skip
-
-
-def settled(view: ByWindows) -> ByWindows:
-    """The fit continued to convergence, from windows searched again."""
-    last = view.at.fitted
-    return ByWindows(
-        searched(moved_to(view.at, fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model"))),
-        view.base,
-    )

@@ -20,7 +20,7 @@ from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
 from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import in_any_case, split
 from sysid.selection.by_whole_shots import ByWholeShots
-from sysid.selection.by_windows import ByWindows, settled
+from sysid.selection.by_windows import ByWindows
 from sysid.selection.departures import without_departing
 from sysid.selection.formula import EFFECT_NAME, describe
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
@@ -56,7 +56,7 @@ def discover(
         windows = ByWindows(at, now)
         result, found = _searched(result, Found(windows), error_rate)
         if found.view is not windows:
-            windows = settled(found.view)
+            windows = found.view.settled()
             now = whole_shots(parts, windows.at, searching=False)
         if parts.training.is_long and not parts.follows(now):
             return _ended(result, found, windows, lambda view: whole_shots(parts, view.at), now, error_rate)
@@ -105,7 +105,7 @@ def _ended(
         error_rate: probability of confusion below which the next shots are to bring it.
     """
     verdict, formula = found.verdict, found.formula
-    plain = view if formula is None else view.without(EFFECT_NAME)
+    plain = view if formula is None else view.without(EFFECT_NAME).settled()
     last = now if formula is None else played(plain)
     if verdict or result.verdict:  # named effects may be dropped again
         result = result.with_step(last, verdict, found.dropped)

@@ -89,6 +89,10 @@ class FitView(ABC):
         """The fit after as many further steps as a fit with a candidate takes."""
 
     @abstractmethod
+    def settled(self) -> Self:
+        """The fit at its end, as it is handed on."""
+
+    @abstractmethod
     def gain(self, more: Self) -> float:
         """Gain of another fit of the same shots, in log likelihood of independent residuals."""
 

@@ -65,7 +65,7 @@ def lossless_writer(path: Path, fps: float, size: tuple[int, int]) -> cv2.VideoW
     with quiet():
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), fps, size)
     if not writer.isOpened():
-        raise BadInput(f"{path}: cannot be written; name a folder for the recordings that can")
+        raise BadInput(f"{path}: cannot be written; name a writable folder")
     return writer
 
 

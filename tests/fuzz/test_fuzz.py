@@ -129,7 +129,7 @@ CASES: dict[str, tuple[str, dict[str, bytes], str]] = {
     "brackets": (NEW_EFFECT, {"result": b"[" * 3000}, "JSON"),
     "stamps": (CHECK, {"clip": changed_rows(at_denormal_times)}, "keep one row"),
     "stamps compared": (COMPARE, {"clip": changed_rows(at_denormal_times)}, "keep one row"),
-    "angles": (COMPARE, {"clip": changed_rows(turned_without_end)}, "no angle of a ball"),
+    "angles": (COMPARE, {"clip": changed_rows(turned_without_end)}, "not a valid angle of a ball"),
     "columns": (CHECK, {"clip": b"t,ball,x,y,theta" + b",a" * 1_000_000 + b"\n"}, "1000005 columns"),
     "rows": (CHECK, {"clip": b"t,ball,x,y,theta\n" + b"0,cue,0,0,\n" * 2_100_000}, "more than 2000000 rows"),
     "pixels": (f"sysid calibrate pictures/0000.png {SIZES} --out out.toml", {"picture": blank_picture(9_000, 9_000)},

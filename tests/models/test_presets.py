@@ -115,7 +115,7 @@ def test_names_of_tables_may_be_written_several_ways(text: str, name: str) -> No
 
 @pytest.mark.parametrize(
     ("text", "told"),
-    [("poll 8 ft", 'did you mean "pool 8 ft"'), ("pool 6 ft", "give one of"), ("snooker 10 ft", "12 ft alone.*give"),
+    [("poll 8 ft", 'did you mean "pool 8 ft"'), ("pool 6 ft", "give one of"), ("snooker 10 ft", "full size of 12 ft"),
      ("1x2", "the longer first"), ("3.5x", "the longer first"), ("8 ft tournament", "88 by 44 in, \"pool 8 ft home\""),
       ("", "give one of")],
 )  # fmt: skip

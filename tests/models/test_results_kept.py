@@ -115,7 +115,7 @@ def test_what_is_drawn_replaces_its_own_kind_and_no_input(place: Path, capsys: p
     assert sysid.cli.main([*compare, "--report", "scene.toml"]) == 2
     assert "its name does not end in .html" in capsys.readouterr().err
     assert sysid.cli.main(["check", "clips", "--json", "clips/clips/0001.csv"]) == 2
-    assert "clips/clips/0001.csv: is what this command reads" in capsys.readouterr().err
+    assert "clips/clips/0001.csv: is an input of this command" in capsys.readouterr().err
     assert sysid.cli.main(["check", "clips", "--json", "scene.toml"]) == 2
     assert "its name does not end in .json" in capsys.readouterr().err
     assert Path("model.toml").read_bytes() == model

@@ -234,7 +234,7 @@ def test_a_setting_names_the_string_and_what_it_gives() -> None:
     [
         (
             (1.0, 0.0, 0.0132, 0.0),
-            r"side 13\.20 mm, height 0\.00 mm takes a contact 0\.503 R .* beyond 0\.5 R \(13\.12 mm\), ask",
+            r"side 13\.20 mm, height 0\.00 mm takes a contact 0\.503 R .* beyond 0\.5 R \(13\.12 mm\); use less spin",
         ),
         ((1.0, 0.0, 0.01, -0.01), r"takes a contact 0\.539 R from the centre"),
         ((9.0, 0.0, 0.0, 0.0), r"ball_speed is 9 m/s; with this spin the cue's 0\.3 to 2\.2 m/s give about 0\.4"),
@@ -309,7 +309,7 @@ def test_a_campaign_goes_on_where_it_was_broken_off(tmp_path: Path) -> None:
     assert parts.read_bytes() == whole.read_bytes()
     assert read_campaign(parts) == read_campaign(whole)
     assert [s.order for s in shots] == list(range(len(grid)))
-    with pytest.raises(BadInput, match=r"row 1 is stroke .* not of this grid and seed"):
+    with pytest.raises(BadInput, match=r"row 1 is stroke .* not one of this grid and seed"):
         run_campaign(EmulatedStriker(hidden, Sloppiness(), 4), whole, 5, grid=grid)
 
 

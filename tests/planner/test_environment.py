@@ -309,7 +309,7 @@ def test_bad_input_is_named() -> None:
         environment.physics.step(2)
     with pytest.raises(BadInput, match="plays is 0; give 1 or more"):
         environment.expected(asks(1, 0), 0)
-    with pytest.raises(BadInput, match="3 balls, 2 are observed; set balls"):
+    with pytest.raises(BadInput, match="3 balls, but 2 are observed; increase `balls`"):
         load(scene(), model(), balls=2)
     with pytest.raises(BadInput, match=r"differ in table.length \(3.569 and 2.0\) and table.width"):
         load(scene(), full_model(Table(2.0, 1.0), SNOOKER_BALL))

@@ -198,12 +198,15 @@ def test_ctrl_c_keeps_what_is_done(
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"seed": 7}, "seed 0, now 7"),
-        ({"balls": 3}, "balls 2, now 3"),
-        ({"method": "both"}, "method risk, now both"),
-        ({"plays": 25}, "plays 24, now 25"),
-        ({"execution": dataclasses.replace(STUDY.execution, azimuth_sd=0.002)}, "azimuth_sd = 0.001, now azimuth_sd"),
-        ({"model": MODEL.with_values({"decoupled_cloth.slide": 0.21})}, "begun with model "),
+        ({"seed": 7}, "seed 0, now it is 7"),
+        ({"balls": 3}, "balls 2, now it is 3"),
+        ({"method": "both"}, "method risk, now it is both"),
+        ({"plays": 25}, "plays 24, now it is 25"),
+        (
+            {"execution": dataclasses.replace(STUDY.execution, azimuth_sd=0.002)},
+            "0.001, now it is azimuth_sd",
+        ),
+        ({"model": MODEL.with_values({"decoupled_cloth.slide": 0.21})}, "started with model "),
     ],
 )
 def test_other_settings_are_refused(folder: Path, change: dict[str, Any], told: str) -> None:
@@ -213,7 +216,7 @@ def test_other_settings_are_refused(folder: Path, change: dict[str, Any], told: 
 
 def test_other_sources_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study_folder, "fingerprint", lambda: "another")
-    assert "begun with sources" in refused(study_folder.begin, folder, STUDY)
+    assert "started with sources" in refused(study_folder.begin, folder, STUDY)
 
 
 def made_up(number: int, promised: float, seen: float, paper: float, top: float) -> dict[str, Any]:
@@ -332,7 +335,7 @@ def test_bad_input_is_refused_in_a_line(tmp_path: Path) -> None:
     ):  # fmt: skip
         assert told in refused(run, tmp_path / "new", *more)
         assert not (tmp_path / "new").exists()
-    assert "something else" in refused(study_folder.begin, full, STUDY)
+    assert "something other than a study" in refused(study_folder.begin, full, STUDY)
     assert "is a file" in refused(study_folder.begin, tmp_path / "file", STUDY)
     (full / "study.json").write_text("[]")
     assert "not of this program" in refused(study_folder.begin, full, STUDY)

@@ -200,7 +200,7 @@ FAULTS = [
     (OBJECT, 'object = "white"', ("object = 'white'", "is the cue ball")),
     ("pocket = [1, 1]\n", "", ("pocket is missing", '"any"')), (POCKET, "pocket = [1, 0]", ("[1, 0]", "end cushions")),
     (POCKET, "pocket = [0, 0]", ("[0, 0]", "middle of the table", "sx")),
-    (POCKET, "pocket = [2, 1]", ("[2, 1]", "no pocket", "sx")), (POCKET, "pocket = [true, 1]", ("no pocket", "sx")),
+    (POCKET, "pocket = [2, 1]", ("[2, 1]", "a pocket", "sx")), (POCKET, "pocket = [true, 1]", ("a pocket", "sx")),
     (REST, 'rest_for = "blue"\nrest = [0, 0.3]', ("rest and rest_for exclude each other",)),
     (REST, "rest = [0.5, 0.9]", ("rest = [0.5, 0.9]", "outside the playing surface")),
     (REST, "rest = [1.77, 0.87]", ("rest =", "pocket corner +x +y")),
@@ -246,7 +246,7 @@ def test_what_is_no_scene_at_all(tmp_path: Path) -> None:
     assert "b.toml" in refusal(lambda: read_scene(tmp_path / "b.toml"))
     assert str(tmp_path) in refusal(lambda: read_scene(tmp_path))
     for value in (None, [], "scene", 3):
-        assert "is no billiard-scene/1" in refusal(lambda value=value: scene_from(value, "plan.json: scene"))  # type: ignore[misc]
+        assert "is not a billiard-scene/1" in refusal(lambda value=value: scene_from(value, "plan.json: scene"))  # type: ignore[misc]
     scene = scene_from(tomllib.loads(TEXT), "s")
     assert "cannot be written" in refusal(lambda: write_scene(scene, tmp_path / "nowhere" / "s.toml"))
 

@@ -134,7 +134,7 @@ def test_the_cue_ball_is_found(ground: Light) -> None:
 
 @pytest.mark.parametrize("chalk", [None, BALL[0]], ids=["bare", "on a chalk line"])
 def test_no_cue(ground: Light, chalk: float | None) -> None:
-    with pytest.raises(BadInput, match=r"no cue is seen behind the ball at 0\.300, -0\.200 m; put it") as caught:
+    with pytest.raises(BadInput, match=r"no cue was found behind the ball at 0\.300, -0\.200 m; put it") as caught:
         cue_direction(drawn(ground, line=chalk), CAMERA, np.array(BALL), CUE_ELEVATION)
     assert "\n" not in str(caught.value)
     with pytest.raises(BadInput, match="no cue"):

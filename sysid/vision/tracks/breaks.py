@@ -9,9 +9,11 @@ import math
 
 import numpy as np
 
-from sysid.vision.tracks.moves import SURE_SD, TrackedScene
+from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.moves import MIN_REST_DETECTIONS, SURE_SD, TrackedScene
 from sysid.vision.tracks.phases import Phase
 
+MIN_KNOWN = 3  # detections of a phase whose speed is known
 ROLLING_ENERGY = 7 / 5  # of a ball that rolls, over that of its speed alone
 
 
@@ -29,26 +31,34 @@ def first_break(scene: TrackedScene, first: int, last: int) -> tuple[int, str]:
             left, at = int(track.frame[before.stop - 1]), int(track.frame[one.first])
             if left < first or at > last or left >= found[0]:
                 continue
-            if one.jumped or (not before.rest and _gains(scene, before, one, float(track.time[before.stop - 1]))):
+            known = not before.rest and before.stop - before.first >= MIN_KNOWN  # else it may just be being struck
+            if one.jumped or (known and _gains(scene, track, before, one)):
                 found = (left, track.name)
     return found
 
 
-def _gains(scene: TrackedScene, before: Phase, one: Phase, time: float) -> bool:
-    """Whether a ball has more energy in a phase than all balls had at a time [s]."""
-    if one.rest or one.stop - one.first < 3:
+def _gains(scene: TrackedScene, track: BallTrack, before: Phase, one: Phase) -> bool:
+    """Whether a ball in motion gets farther or faster after a knot than the energy of all balls before it allows."""
+    time, at = float(track.time[before.stop - 1]), float(track.time[one.first])
+    # What a ball lost of its speed may be in its spin still, until it rests.
+    energy = 0.0
+    for other in scene.tracks:
+        fastest_so_far = 0.0
+        for phase in scene.phases[other.name]:
+            if phase.start <= time:
+                speed, sd = _speed(phase, phase.start)
+                rests = phase.still and phase.stop - phase.first >= MIN_REST_DETECTIONS and phase.end < time
+                fastest_so_far = 0.0 if rests else max(fastest_so_far, speed + SURE_SD * sd)
+        energy += fastest_so_far**2
+    fastest = math.sqrt(ROLLING_ENERGY * energy)
+    way = float(np.linalg.norm(one.place(at) - before.place(time)))
+    sd = math.hypot(before.place_sd(time), one.place_sd(at), scene.sigma)
+    if way > fastest * (at - time) + SURE_SD * sd:
+        return True
+    if one.rest or one.stop - one.first < MIN_KNOWN:
         return False
-    energy, since = 0.0, time - 1.5 * scene.period  # balls that met may show it in different frames
-    for track in scene.tracks:
-        speeds = [0.0]
-        for phase in scene.phases[track.name]:
-            begins, ends = phase.start, float(track.time[phase.stop - 1])
-            if begins <= time and ends >= since and not phase.rest:
-                speed, sd = _speed(phase, min(time, ends))
-                speeds.append(speed + SURE_SD * sd)
-        energy += max(speeds) ** 2
     speed, sd = _speed(one, one.start)
-    return speed - SURE_SD * sd > math.sqrt(ROLLING_ENERGY * energy)
+    return speed - SURE_SD * sd > fastest
 
 
 def _speed(one: Phase, time: float) -> tuple[float, float]:

@@ -165,9 +165,11 @@ def _rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
     """First and last detection of every rest: of phases at rest, between which the ball goes nowhere."""
     found: list[tuple[int, int]] = []
     for one in scene.phases[track.name]:
-        if not one.still or one.stop - one.first < MIN_REST_DETECTIONS:
+        if not one.still:
             continue
         first, last = one.first, one.stop - 1
+        if one.stop - first < MIN_REST_DETECTIONS:
+            continue
         if found:
             previous = rest_place(track, *found[-1])
             between = np.linalg.norm(track.xy[found[-1][1] : first] - previous, axis=1)
@@ -176,7 +178,19 @@ def _rests(scene: TrackedScene, track: BallTrack) -> list[tuple[int, int]]:
                 found[-1] = (found[-1][0], last)
                 continue
         found.append((first, last))
-    return found
+    ends = [*(first for first, _ in found[1:]), len(track.time)][: len(found)]
+    return [(first, _returned(scene, track, first, last, end)) for (first, last), end in zip(found, ends, strict=True)]
+
+
+def _returned(scene: TrackedScene, track: BallTrack, first: int, last: int, end: int) -> int:
+    """The last detection of a rest, with those after it from which the ball comes back by half of the way or more.
+
+    A hand or a cue beside a ball draws it to and fro before it is struck.
+    """
+    away = np.linalg.norm(track.xy[last + 1 : end] - rest_place(track, first, last), axis=1)
+    away = away[: int(np.argmax(away > scene.radius / 2))] if (away > scene.radius / 2).any() else away
+    back = np.flatnonzero(away < np.maximum.accumulate(away) / 2)
+    return last + 1 + int(back[-1]) if back.size else last
 
 
 def rest_place(track: BallTrack, first: int, last: int) -> Array:

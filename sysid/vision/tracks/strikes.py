@@ -244,16 +244,16 @@ def _fault(scene: TrackedScene, move: Move) -> str:
 
 def gains_speed(scene: TrackedScene, move: Move) -> bool:
     """Whether a ball gains more speed on free cloth than its spin can give, before it touches another or a cushion."""
-    track, stop, least = move.track, _first_contact(scene, move), math.inf
+    track, stop, begun = move.track, _first_contact(scene, move), math.inf
     for one in move.phases:
         first, last = max(one.first, move.first), min(one.stop, stop) - 1
         if one.rest or last - first < 1:
             continue
         for time in (float(track.time[first]), float(track.time[last])):
             speed, sd = float(np.linalg.norm(one.velocity(time))), SURE_SD * one.velocity_sd(time)
-            if speed - sd > MAX_ROLLING_GAIN * least:
+            if speed - sd > MAX_ROLLING_GAIN * begun:
                 return True
-            least = min(least, speed + sd)
+            begun = speed + sd if math.isinf(begun) else begun
     return False
 
 

@@ -222,9 +222,9 @@ class Drunk(Effect):
         (Careless, "declared", ["never on", "default 5.0 is outside", "no unit", "no source"]),
         (Listing, "compiles", ["Listing.forces does not compile", "line ", "write plain arithmetic on numbers"]),
         (Misspelt, "compiles", ["Misspelt.forces uses 'acceleration'", "correct the name"]),
-        (Push, "off_is_absent", ["is_off()"]), (Step, "engines_agree", ["differ by", "let horizon say"]),
-        (Step, "jumps_are_told", ["ball.ay by 1 at once", "add horizon(self, ball)"]),
-        (Faint, "jumps_are_told", ["at once", "speed 0.7 m/s", "add horizon(self, ball)"]),
+        (Push, "off_is_absent", ["is_off()"]), (Step, "engines_agree", ["differ by", "let `horizon` announce"]),
+        (Step, "jumps_are_told", ["ball.ay by 1 abruptly", "add horizon(self, ball)"]),
+        (Faint, "jumps_are_told", ["abruptly", "speed 0.7 m/s", "add horizon(self, ball)"]),
         (Idle, "usual_acts", ["no shot is changed"]), (Drunk, "repeatable", ["differs when played again"]),
     ],
 )  # fmt: skip

@@ -59,7 +59,7 @@ def test_a_worker_refuses_other_effects_of_the_user(tmp_path: Path, monkeypatch:
     order = Requirements({}, (str(tmp_path),), effects_digest())
     order.check()
     (tmp_path / "spare.py").write_text(EFFECT + "\n# changed\n")
-    with pytest.raises(BadInput, match="holds other effects there"):
+    with pytest.raises(BadInput, match="holds different effects there"):
         order.check()
 
 

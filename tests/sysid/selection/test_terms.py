@@ -25,19 +25,11 @@ from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.report.figures import curve_charts
+from sysid.selection import terms as terms_room
 from sysid.selection.effect_file import effect_source
 from sysid.selection.factors import SEEN_BY
 from sysid.selection.formula import SparseFormula, describe, source_from
-from sysid.selection.terms import (
-    COUNTED_VARIABLES,
-    Shape,
-    Term,
-    curve,
-    effect_from_terms,
-    library,
-    shapes,
-    shapes_at_one,
-)
+from sysid.selection.terms import Shape, Term, curve, effect_from_terms, library, shapes, shapes_at_one
 from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 
@@ -131,10 +123,9 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
     """Of every variable that a quantity may depend on; on the cloth both engines know where a step lies."""
     counted = ("rail", 2)
     for quantity, variables in SEEN_BY.items():
-        for variable in (v for v in variables if v not in COUNTED_VARIABLES):
-            families = (
-                shapes(quantity, variable, -0.7, 1.1) if variable in "xy" else shapes(quantity, variable, 0.0, 3.0)
-            )
+        for variable in (v for v in variables if v not in terms_room.COUNTED_VARIABLES):
+            low, high = (-0.7, 1.1) if variable in "xy" else (0.0, 3.0)
+            families = shapes(quantity, variable, low, high)
             families += shapes_at_one(quantity, *counted, variable, 0.0, 3.0) if variable == "along" else []
             terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
