@@ -338,7 +338,7 @@ def test_bad_input_is_refused_in_a_line(tmp_path: Path) -> None:
     assert "something other than a study" in refused(study_folder.begin, full, STUDY)
     assert "is a file" in refused(study_folder.begin, tmp_path / "file", STUDY)
     (full / "study.json").write_text("[]")
-    assert "not of this program" in refused(study_folder.begin, full, STUDY)
+    assert "not made by this program" in refused(study_folder.begin, full, STUDY)
     bare = full_model(Table(2.0, 1.0, pockets=False), Ball(0.0525, 0.1406))
     assert "no pockets" in refused(Study, bare)
     assert "'best'" in refused(Study, MODEL, method="best")
