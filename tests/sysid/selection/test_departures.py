@@ -85,5 +85,5 @@ def test_a_clip_with_a_wrong_clock_is_named_and_no_effect_is(tmp_path: Path, row
     found = discover(spoiled, full_model(clip_set.table, clip_set.ball))
     assert found.verdict == () and found.unexplained is None
     assert [line.split(":")[0] for line in found.parts.excluded] == [odd]
-    assert "departs alone" in found.parts.excluded[0]
+    assert "alone departs" in found.parts.excluded[0]
     assert len(found.parts.training.clips) == trained and found.last.rms < 1.05 * 0.0005
