@@ -37,7 +37,7 @@ def test_a_camera_that_swings_is_told_with_its_frequency(tmp_path: Path, monkeyp
     assert not any("new-effect" in line for line in unexplained_lines(told)), "phases differ from clip to clip"
     result = tmp_path / "result.json"
     result.write_text(json.dumps({"unexplained": told}))
-    with pytest.raises(BadInput, match="without a formula"):
+    with pytest.raises(BadInput, match="has no formula"):
         source_of(result, "swing")
     monkeypatch.setattr(room, "oscillation", lambda point: None)
     told = remainder(base)
