@@ -296,7 +296,7 @@ def test_a_shot_that_cannot_be_followed_is_set_aside_and_named(
     odd = case[0].clips[row].file
     damaged = dataclasses.replace(case[0], clips=tuple(shuffled(c) for c in case[0].clips))
     fit = fit_clips(damaged, start)
-    assert len(fit.parts.excluded) == 1 and fit.parts.excluded[0].startswith(f"{odd}: set aside")
+    assert len(fit.parts.excluded) == 1 and fit.parts.excluded[0].startswith(f"{odd}: excluded")
     assert fit.parts.held_out is not None and fit.fitted.held_out is not None and fit.fitted.converged
     assert odd not in [c.file for c in (*fit.parts.training.clips, *fit.parts.held_out.clips)]
     assert fit.fitted.held_out.rms < 2 * fit.parts.noise
