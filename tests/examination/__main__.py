@@ -159,16 +159,67 @@ def turning_camera(seen: tuple[float, float], order: float) -> tuple[float, floa
     return seen[0] - 0.004 * order * seen[1], seen[1] + 0.004 * order * seen[0]
 
 
+def pressed_seam(world: World) -> None:
+    """Rolling friction is 1 + 0.8 exp(-(x / 0.15)^2) times as high: something lies below the middle of the cloth."""
+    world.roll = _times(world.roll, lambda seen: 1.0 + 0.8 * math.exp(-((seen.ball[0] / 0.15) ** 2)))
+
+
+def damp_edges(world: World) -> None:
+    """Sliding friction is 1.3 times as high within 0.25 m of a long cushion."""
+    world.slide = _times(
+        world.slide, lambda seen: 1.3 if world.width / 2 - world.radius - abs(seen.ball[1]) < 0.25 else 1.0
+    )
+
+
+def bolted_rubber(world: World) -> None:
+    """Long cushions return 0.04 cos(4 x) more, x in metres: they are bolted here and there."""
+    world.cushion_e = _plus(
+        world.cushion_e, lambda seen: 0.04 * math.cos(4.0 * seen.ball[0]) if seen.rail[1] == "y" else 0.0
+    )
+
+
+def greasy_cushions(world: World) -> None:
+    """Friction of cushions is lower by 0.10 exp(-slip / 0.6)."""
+    world.cushion_mu = _plus(world.cushion_mu, lambda seen: -0.10 * math.exp(-seen.slip / 0.6))
+
+
+def warm_balls(world: World) -> None:
+    """Friction of balls falls by 0.006 for every degree that the room is warmer, of which the clips tell."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: -0.006 * (seen.celsius - 20.0))
+
+
+def other_balls(world: World) -> None:
+    """Balls return 0.05 less after three fifths of the session: others are played with."""
+    world.ball_e = _plus(world.ball_e, lambda seen: -0.05 if seen.order > 0.6 else 0.0)
+
+
+def folded_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is stretched by 1 % along x beyond x = 0.5 m."""
+    return seen[0] + 0.01 * max(0.0, seen[0] - 0.5), seen[1]
+
+
+def bumped_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image lies 3 mm farther along y in the last 45 % of the session."""
+    return seen[0], seen[1] + (0.003 if order > 0.55 else 0.0)
+
+
 PHYSICS: dict[str, Change] = {
     one.__name__: one
     for one in (
         *(worn_lane, slippery_at_speed, sidespin_on_rubber, warm_middle, chalk_gathers, soft_ball, warm_room),
         *(uneven_stretch, two_pieces, chalky_stretch, tired_rubber, soft_red, gripping_spin),
         *(damp_end, brushed_one_way, dead_end, sticky_when_new, dust_on_balls, chipped_balls, evening_cloth),
+        *(pressed_seam, damp_edges, bolted_rubber, greasy_cushions, warm_balls, other_balls),
     )
 }
-PICTURES = {one.__name__: one for one in (skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera)}
-WITH_TEMPERATURE = (warm_room.__name__, evening_cloth.__name__)
+PICTURES = {
+    one.__name__: one
+    for one in (
+        *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
+        *(folded_picture, bumped_camera),
+    )
+}
+WITH_TEMPERATURE = (warm_room.__name__, evening_cloth.__name__, warm_balls.__name__)
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")
 
 
