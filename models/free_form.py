@@ -58,6 +58,11 @@ class Axis:
         """A step for each of so many rails or balls."""
         return cls(VARIABLES.index(variable), 0.0, 1.0, count, STEPS)
 
+    @property
+    def intervals(self) -> int:
+        """Between its nodes."""
+        return self.count - SPLINE_REACH if self.kind == SPLINE else self.count
+
     def weights(self, values: Array) -> Array:
         """Weights (n, count) of the coefficients at values (n,) of the variable."""
         out = np.zeros((len(values), self.count))

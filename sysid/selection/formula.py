@@ -151,7 +151,7 @@ def look(
         formula: of the fit.
         named: effects that the fit lacks.
     """
-    seen, counts, free = _functions(base)
+    seen, counts, free = _functions(base, formula)
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
     terms = without_terms([(term,) for term in library(base.model.table, counts, unseen)], _names_in(formula))
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
@@ -159,11 +159,12 @@ def look(
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
 
 
-def _functions(base: Point) -> tuple[dict[str, Span], dict[str, int], list[Block]]:
-    """Ranges of the variables in a fit's clips, the numbers of counted things, and all blocks."""
+def _functions(base: Point, formula: SparseFormula | None) -> tuple[dict[str, Span], dict[str, int], list[Block]]:
+    """Ranges of the variables in a fit's clips, the numbers of counted things, and all blocks beside a formula."""
     clips, table = base.problem.clips, base.model.table
     seen, counts = ranges(clips, table.length, table.width, base.model.ball.radius), counts_of(clips)
-    return seen, counts, blocks(seen, counts)
+    known = {(one.quantity, one.variable) for one in (formula.terms if formula else ()) if one.variable}
+    return seen, counts, blocks(seen, counts, known)
 
 
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[SparseFormula]:
@@ -222,7 +223,7 @@ def reshaped(
     """
     old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
     at = dict(zip(base.names, base.constants.tolist(), strict=True))
-    seen, _, free = _functions(base)
+    seen, _, free = _functions(base, found)
     for block in free:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):

@@ -15,16 +15,17 @@ and smoothnesses. What many coefficients could explain by chance is so paid for,
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from models import formula as kinds
-from models.free_form import ALONE, PERIODIC, STEPS, Axis, FreeForm, free_form
+from models.free_form import ALONE, PERIODIC, SPLINE, STEPS, Axis, FreeForm, free_form
 from models.variables import SESSION_VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
@@ -38,13 +39,15 @@ from sysid.selection.terms import (
     VARIABLE_PAIRS,
     Shape,
     counted_shapes,
+    local_curves,
     shapes,
     shapes_at_one,
 )
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
-SMOOTHNESS = (1.0, 0.5, 0.25)  # lengths over which a function varies, of its range
+FINE_INTERVALS = 24  # of the splines of what a formula already depends on
+SHORTEST = 1.25  # length over which a function varies, at least, between the nodes of its splines
 SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over its quantity's width
 USUAL_SIZES = np.geomspace(0.05, 3.0, 12)  # the same of a named effect, over its usual value
 FASTEST_QUANTILE = 0.95  # of the speeds of a track between frames, which beyond it may be outliers
@@ -73,6 +76,11 @@ class Block:
         """Its class of effects, of its name or another."""
         return free_form(name or self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
+    @property
+    def is_fine(self) -> bool:
+        """Whether it resolves a small part of its range."""
+        return self.axes[0].kind == SPLINE and self.axes[0].intervals == FINE_INTERVALS
+
     def shapes(self, seen: Mapping[str, Span]) -> list[list[Shape]]:
         """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
@@ -81,15 +89,18 @@ class Block:
             return shapes_at_one(self.quantity, variable, axis.count, over, *seen[over])
         if axis.kind == STEPS:
             return counted_shapes(self.quantity, variable, axis.count)
-        return shapes(self.quantity, variable, *seen.get(variable, Span(-math.pi, math.pi)))
+        span = seen.get(variable, Span(-math.pi, math.pi))
+        local = local_curves(self.quantity, variable, span.low, span.high) if self.is_fine else []
+        return [*shapes(self.quantity, variable, *span), *local]
 
     def correlations(self) -> list[Array]:
         """Of its coefficients (k, k), for each smoothness."""
-        smooth = any(axis.kind != STEPS for axis in self.axes)
-        return [
-            np.asarray(np.kron(*(_correlation(axis, part) for axis in self.axes)), float)
-            for part in (SMOOTHNESS if smooth else (1.0,))
-        ]
+        parts = [1.0]  # lengths over which it varies, of its range: halves, as far as its splines resolve them
+        if any(axis.kind != STEPS for axis in self.axes):
+            finest = SHORTEST / max(axis.intervals for axis in self.axes if axis.kind != STEPS)
+            while parts[-1] / 2 >= finest:
+                parts.append(parts[-1] / 2)
+        return [np.asarray(np.kron(*(_correlation(axis, part) for axis in self.axes)), float) for part in parts]
 
 
 def _correlation(axis: Axis, part: float) -> Array:
@@ -99,7 +110,7 @@ def _correlation(axis: Axis, part: float) -> Array:
         return np.eye(axis.count)
     if axis.kind == PERIODIC:
         return np.asarray(np.exp(-0.5 * (2 * np.sin(away / 2) / (2 * np.pi * part)) ** 2))
-    return np.asarray(np.exp(-0.5 * (away / (part * axis.step * (axis.count - 3))) ** 2))
+    return np.asarray(np.exp(-0.5 * (away / (part * axis.step * axis.intervals)) ** 2))
 
 
 class Span(NamedTuple):
@@ -147,17 +158,29 @@ def counts_of(clips: Sequence[Clip]) -> dict[str, int]:
     return {name: count if count > 1 else 0 for name, count in counts.items()}
 
 
-def blocks(seen: Mapping[str, Span], counted: dict[str, int]) -> list[Block]:
-    """All of one variable, and of those that a quantity may depend on together."""
+def blocks(seen: Mapping[str, Span], counted: dict[str, int], known: Collection[tuple[str, str]] = ()) -> list[Block]:
+    """All of one variable, and of those that a quantity may depend on together.
+
+    Args:
+        seen: ranges of the variables.
+        counted: numbers of what is counted.
+        known: quantities and variables of a formula; what these leave may vary over less.
+    """
     axes = {name: Axis.over(name, span.low, span.high, INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
-    return [
+    every = [
         Block(quantity, names, (axes[names[0]], axes[names[1]] if len(names) > 1 else ALONE))
-        for quantity, known in SEEN_BY.items()
-        for names in (*((name,) for name in known), *VARIABLE_PAIRS)
-        if all(name in axes and name in known for name in names)
+        for quantity, its in SEEN_BY.items()
+        for names in (*((name,) for name in its), *VARIABLE_PAIRS)
+        if all(name in axes and name in its for name in names)
     ]
+    for k, one in enumerate(every):
+        name = one.variables[0]
+        if (one.quantity, name) in known and len(one.variables) == 1 and one.axes[0].kind == SPLINE:
+            span = seen[name]
+            every[k] = dataclasses.replace(one, axes=(Axis.over(name, span.low, span.high, FINE_INTERVALS), ALONE))
+    return every
 
 
 @dataclass(frozen=True)

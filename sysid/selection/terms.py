@@ -57,6 +57,12 @@ class Term:
         return self.name.removesuffix(SECOND_STEP) + FIRST_STEP if self.name.endswith(f"_{SECOND_STEP}") else self.name
 
     @property
+    def variable(self) -> str | None:
+        """The one variable that it depends on; None if there are more, or none."""
+        one = self.kind in (kinds.VARIABLE, kinds.ABOVE, kinds.DECAY, kinds.HAT, kinds.BEND) and self.only is None
+        return VARIABLES[int(self.constants[0])] if one else None
+
+    @property
     def place_name(self) -> str | None:
         """Name of the parameter for the place of its step or bend, or for its decay scale."""
         return None if self.limits is None else f"{self.name}_{'over' if self.kind == kinds.DECAY else 'at'}"
@@ -134,6 +140,7 @@ PLACE_DIGITS = 4
 VARIABLE_PAIRS = (("rail", "along"),)  # pairs of which a quantity may be a joint function
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # parts of the names of steps
 CURVE_INTERVALS = (4, 8, 16)  # numbers of intervals between the hats of a curve
+LOCAL_PARTS, LOCAL_INTERVALS = (2, 4, 8), 8  # of a range over which a curve of so many intervals changes
 WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # quantities for which the model has no constant
 
 
@@ -230,16 +237,32 @@ def hat(quantity: str, variable: str, number: str, at: float, half: float, side:
     return _term(quantity, f"{variable}_curve_{number}", factor, (variable,), 0.0)
 
 
-def curve(quantity: str, variable: str, low: float, high: float, intervals: int) -> Shape:
-    """A curve of hats over a range; 0 in its middle if the model already has a constant of the quantity."""
+def curve(quantity: str, variable: str, low: float, high: float, intervals: int, name: str = "") -> Shape:
+    """A curve of hats over a range, constant beyond it; 0 in its middle if the model has a constant of the quantity.
+
+    Its hats are named by the number of intervals, unless a name is given.
+    """
     half, middle = max(round((high - low) / intervals, PLACE_DIGITS), 10.0**-PLACE_DIGITS), (low + high) / 2
     hats = []
     for k in range(intervals + 1):
         at = round(round(middle, PLACE_DIGITS) + (k - intervals // 2) * half, PLACE_DIGITS) + 0.0
         side = 1.0 if k == 0 else -1.0 if k == intervals else 0.0
         if 2 * k != intervals or quantity in WITHOUT_CONSTANT:
-            hats.append(hat(quantity, variable, f"{intervals}_{k}", at, half, side))
+            hats.append(hat(quantity, variable, f"{name or intervals}_{k}", at, half, side))
     return tuple(hats)
+
+
+def local_curves(quantity: str, variable: str, low: float, high: float) -> list[list[Shape]]:
+    """Families of curves over a part of a range: what is so small lies between the nodes of a curve over all of it."""
+    found = []
+    for parts in LOCAL_PARTS:
+        size = (high - low) / parts
+        starts = [(k, low + k * size / 2) for k in range(2 * parts - 1)]
+        found.append([
+            curve(quantity, variable, start, start + size, LOCAL_INTERVALS, f"{parts * LOCAL_INTERVALS}_{k}")
+            for k, start in starts
+        ])  # fmt: skip
+    return found
 
 
 def shapes(

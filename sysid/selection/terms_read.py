@@ -44,7 +44,7 @@ from sysid.selection.terms import (
 MAX_BALLS = 100  # largest number of balls for which terms are looked up
 MAX_COEFFICIENT_WIDTHS = 100.0  # largest coefficient of an earlier result, over the term's width
 RESULT_REMEDY = "name a result.json as sysid discover of this version writes it"
-CURVE_NAME = re.compile(r"[a-z_0-9]+_curve_(\d{1,2})_(\d{1,2})", re.ASCII)
+CURVE_NAME = re.compile(r"[a-z_0-9]+_curve_(\d{1,2}(?:_\d{1,2}){1,2})", re.ASCII)
 
 
 @cache
@@ -110,7 +110,7 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
         return decay(quantity, found[1], float(found[2]))
     if (found := HAT_PATTERN.fullmatch(factor)) and (number := CURVE_NAME.fullmatch(name)):
         _, at, half, side = code[1]
-        return hat(quantity, found[3], f"{number[1]}_{number[2]}", at, half, side)
+        return hat(quantity, found[3], number[1], at, half, side)
     if (found := POWER_PATTERN.fullmatch(factor)) and found[2]:
         return square(quantity, found[1])
     return next((size(quantity, v) for v in SIZE_VARIABLES if factor == f"abs({v})" and v in SEEN_BY[quantity]), None)
