@@ -25,7 +25,7 @@ from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState
 from models.hooks import Layout
 from models.variables import NONE, SLIP, SPEED, TIME, WZ, X, Y, of_ball, of_image, of_impact
 
-MAX_TERMS = 32
+MAX_TERMS = 64
 MAX_CONSTANTS = 4
 LEAST_GRIP = 0.05  # smallest factor on the sliding friction
 

@@ -294,9 +294,12 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
         centre = weight @ np.array([p for p, _ in places]) / weight.sum()
         where = f"on the cloth around x = {centre[0]:.2f} m, y = {centre[1]:.2f} m"
         place["place_m"] = [float(v) for v in centre]
+    sd_of = {t: s if s <= t.width else math.inf for t, s in zip(found.terms, sds, strict=True)}
     value_of = dict(zip(found.terms, values, strict=True))
-    sd_of = dict(zip(found.terms, sds, strict=True))
-    form = "; ".join(_in_words(group, [value_of[t] for t in group]) for group in found.groups)
+    if fitted is not None:
+        for group in found.groups:
+            value_of |= _bridged(group, value_of, sd_of)
+    form = "; ".join(_in_words(group, value_of, sd_of) for group in found.groups)
     size = max((float(value_of[t]) for t in found.groups[0]), key=abs)
     return {
         "where": where, "depends_on": depends, "size": size, "unit": first.unit,
@@ -304,9 +307,9 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
         "delta_bic": float(evidence.delta_bic) if evidence else float(sum(found.improvements)),
         "terms": [
             {"name": t.name, "door": t.quantity, "factor": t.factor, "unit": t.unit, "width": t.width,
-             "value": float(v), "sd": float(s) if np.isfinite(s) else None, "where": t.where,
+             "value": float(value_of[t]), "sd": float(sd_of[t]) if np.isfinite(sd_of[t]) else None, "where": t.where,
              "depends_on": list(t.depends_on), "gain": g, **_place_of(t, fitted)}
-            for t, v, s, g in zip(found.terms, values, sds, found.improvements, strict=True)
+            for t, g in zip(found.terms, found.improvements, strict=True)
         ],
         "curves": [_curve(group, value_of, sd_of) for group in found.groups if group[0].kind == kinds.HAT],
         "alike": [word for words in found.alike for word in words],
@@ -314,13 +317,25 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
     }  # fmt: skip
 
 
-def _in_words(group: Shape, values: Sequence[float]) -> str:
-    """A formula in words: terms with their coefficients, curves by their values at the nodes."""
+def _bridged(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[Term, float]:
+    """Values of a curve: those at nodes of which the clips tell nothing lie on a line between the others'."""
+    curve = _curve(group, values, sds) if group[0].kind == kinds.HAT else {"sd": []}
+    if None not in curve["sd"] or not any(sd is not None for sd in curve["sd"]):
+        return {}
+    nodes = np.array(
+        [(a, v) for a, v, sd in zip(curve["at"], curve["value"], curve["sd"], strict=True) if sd is not None]
+    )
+    return {t: float(np.interp(t.constants[1], nodes[:, 0], nodes[:, 1])) for t in group if math.isinf(sds[t])}
+
+
+def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> str:
+    """A formula in words: terms with their coefficients, curves by their values at the nodes that the clips tell."""
     if group[0].kind != kinds.HAT:
-        parts = [f"{QUANTITY_TEXTS[t.quantity]}: {v:+.4g} * ({t.factor})" for t, v in zip(group, values, strict=True)]
-        return "; ".join(parts)
-    curve = _curve(group, dict(zip(group, values, strict=True)), dict.fromkeys(group, 0.0))
-    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v in zip(curve["at"], curve["value"], strict=True))
+        return "; ".join(f"{QUANTITY_TEXTS[t.quantity]}: {values[t]:+.4g} * ({t.factor})" for t in group)
+    curve = _curve(group, values, sds)
+    nodes = list(zip(curve["at"], curve["value"], curve["sd"], strict=True))
+    told = [node for node in nodes if node[2] is not None] or nodes
+    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v, _ in told)
     unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""
     return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, linear between these"
 
@@ -328,7 +343,7 @@ def _in_words(group: Shape, values: Sequence[float]) -> str:
 def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[str, Any]:
     """A curve for result.json: its values with standard deviations at the nodes."""
     at, value, sd = ([of(t) for t in group] for of in (lambda t: t.constants[1], values.__getitem__, sds.__getitem__))
-    if group[0].quantity not in WITHOUT_CONSTANT:  # it is 0 at its middle
+    if group[0].quantity not in WITHOUT_CONSTANT and group[0].only is None:  # it is 0 at its middle
         middle = len(at) // 2
         at.insert(middle, round(at[middle] - group[middle].constants[2], PLACE_DIGITS) + 0.0)
         value.insert(middle, 0.0)

@@ -45,9 +45,10 @@ from sysid.selection.judgement import (
 )
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.shapes import shape_candidates
-from sysid.selection.signatures import candidate
+from sysid.selection.signatures import at_sizes, candidate
 from sysid.selection.terms import Shape
 
+_What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted
 log = logging.getLogger(__name__)
 
@@ -262,6 +263,32 @@ def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFor
     return view, formula
 
 
+def with_name(
+    view: V, verdict: tuple[str, ...], formula: SparseFormula
+) -> tuple[V, tuple[str, ...], SparseFormula | None]:
+    """Replace a shape by an effect of the catalogue that the shots do not tell from it.
+
+    A shape is chosen where the fit of the effect had not found its end, or of an effect that has no value here yet.
+    """
+    for group in formula.groups:
+        seen = partial(view.scores_without, parameters_of(group))
+        placed = next(one for one in formula.placed(view.point).groups if one[0].name == group[0].name)
+        own = causes(seen(shape_candidates([placed])))[0]
+        scores = seen(at_sizes(candidates_for(view.model)))
+        best = next(iter(causes(scores)), None)
+        if best is None or best.log_odds < own.log_odds - SEPARATED_LOG_ODDS:
+            continue
+        row = next(one for one in scores.rows if one.candidate.name == best.name)
+        fewer = formula.without(group, view.point)
+        less = view.stripped(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
+        named = less.with_effect(row).renewed()
+        more = likelier(view, unknowns_of_terms(group), named, unknowns_of(row.candidate, named.names))
+        log.info("%s in place of %s: log odds %.1f", best.name, group[0].group, more)
+        if more > -SEPARATED_LOG_ODDS:
+            return named, (*verdict, best.name), fewer
+    return view, verdict, formula
+
+
 @dataclass(frozen=True)
 class Found(Generic[V]):
     """The state of a search."""
@@ -277,24 +304,28 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
 
     Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. When
     nothing more is likely, initial states of poorly followed shots are searched again, and only causes that are still
-    accepted are kept: a wrong initial state may look like a cause.
+    accepted are kept: a wrong initial state may look like a cause. Shapes that are an effect's get its name in the end.
     """
-    been, searched = [_what(found)], list[tuple[frozenset[str], frozenset[str]]]()
+    been, searched, read = [_what(found)], list[_What](), list[_What]()
     while True:
         seen = next_cause(found.view, found.formula, error_rate)
         verdict = (*found.verdict, seen.name) if seen.name else found.verdict
         now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
         if _what(now) in been:  # nothing was added, or a dropped cause was added again
-            if _what(found) in searched:
-                yield found, seen.screening
-                return
-            searched.append(_what(found))
-            view = found.view.searched()
-            now = _needed(view, found, found.verdict, found.formula, seen.threshold, searching=True)
+            now = found
+            if _what(found) not in searched:
+                searched.append(_what(found))
+                now = _needed(
+                    found.view.searched(), found, found.verdict, found.formula, seen.threshold, searching=True
+                )
+                if now.view is not found.view:
+                    been.clear()
+            if now.view is found.view and _what(found) not in read:
+                read.append(_what(found))
+                now = _named(found)
             if now.view is found.view:
                 yield found, seen.screening
                 return
-            been.clear()
         found = now
         been.append(_what(found))
         yield found, seen.screening
@@ -312,6 +343,14 @@ def _needed(
     return Found(now if now is view else now.renewed(), kept, formula, (*found.dropped, *gone))
 
 
-def _what(found: Found[V]) -> tuple[frozenset[str], frozenset[str]]:
+def _named(found: Found[V]) -> Found[V]:
+    """The state with an effect in place of a shape; unchanged if none is its equal."""
+    if found.formula is None:
+        return found
+    view, verdict, formula = with_name(found.view, found.verdict, found.formula)
+    return found if view is found.view else Found(view, verdict, formula, found.dropped)
+
+
+def _what(found: Found[V]) -> _What:
     """The effects and terms of a fit."""
     return frozenset(found.verdict), frozenset(t.name for t in (found.formula.terms if found.formula else ()))

@@ -9,11 +9,13 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
+from models import formula as kinds
 from sysid.selection.free_forms import Cause, cause_of, mean_odds, usual_values
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import Shape, around, effect_from_terms
+from sysid.selection.terms import PARTS_OF_RANGE, Shape, effect_from_terms
 
+FINER_PARTS = 6  # refinement of that grid around a place
 MIN_PLACE_LOG_ODDS = 0.1  # least gain of log odds by another place, beyond rounding
 
 
@@ -48,6 +50,21 @@ def at_likeliest_places(
     best = max(found, key=lambda one: found[one].log_odds)
     gain = found[best].log_odds - found[shape].log_odds
     return (best, found[best]) if gain > MIN_PLACE_LOG_ODDS else (shape, found[shape])
+
+
+def around(shape: Shape) -> list[Shape]:
+    """The shape with its steps and bends (two at most) at finer places, up to the neighbouring grid points."""
+    moving = [k for k, term in enumerate(shape) if term.limits is not None and term.kind != kinds.DECAY]
+    if not 0 < len(moving) <= 2:
+        return [shape]
+    found = [shape]
+    for k in moving:
+        low, high = shape[k].limits or (0.0, 0.0)
+        at, spacing = shape[k].constants[1], (high - low) / PARTS_OF_RANGE
+        places = [at + spacing * part / FINER_PARTS for part in range(-FINER_PARTS, FINER_PARTS + 1)]
+        moved = [shape[k].moved(place) for place in places if low < place < high]
+        found = [(*one[:k], term, *one[k + 1 :]) for one in found for term in moved]
+    return [one for one in found if len(one) == 1 or one[0].constants[1] < one[-1].constants[1]]
 
 
 def without_terms(every: Sequence[Shape], have: Collection[str]) -> list[Shape]:

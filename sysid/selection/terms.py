@@ -135,7 +135,6 @@ DRIFT_VARIABLES = tuple(name for name in SESSION_VARIABLES if name not in COUNTE
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # for two balls
 DECAY_VARIABLES = ("speed", "slip", "approach", "time", "cloth_age")  # variables over which a quantity may decay
 PARTS_OF_RANGE = 20  # first grid of steps and decays over a variable's range
-FINER_PARTS = 6  # refinement of that grid around a place
 PLACE_DIGITS = 4
 VARIABLE_PAIRS = (("rail", "along"),)  # pairs of which a quantity may be a joint function
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # parts of the names of steps
@@ -237,9 +236,12 @@ def hat(quantity: str, variable: str, number: str, at: float, half: float, side:
     return _term(quantity, f"{variable}_curve_{number}", factor, (variable,), 0.0)
 
 
-def curve(quantity: str, variable: str, low: float, high: float, intervals: int, name: str = "") -> Shape:
-    """A curve of hats over a range, constant beyond it; 0 in its middle if the model has a constant of the quantity.
+def curve(
+    quantity: str, variable: str, low: float, high: float, intervals: int, name: str = "", at_one: bool = False
+) -> Shape:
+    """A curve of hats over a range, constant beyond it.
 
+    It is 0 in its middle if the model has a constant of the quantity, which that of one rail or ball is not (`at_one`).
     Its hats are named by the number of intervals, unless a name is given.
     """
     half, middle = max(round((high - low) / intervals, PLACE_DIGITS), 10.0**-PLACE_DIGITS), (low + high) / 2
@@ -247,7 +249,7 @@ def curve(quantity: str, variable: str, low: float, high: float, intervals: int,
     for k in range(intervals + 1):
         at = round(round(middle, PLACE_DIGITS) + (k - intervals // 2) * half, PLACE_DIGITS) + 0.0
         side = 1.0 if k == 0 else -1.0 if k == intervals else 0.0
-        if 2 * k != intervals or quantity in WITHOUT_CONSTANT:
+        if 2 * k != intervals or at_one or quantity in WITHOUT_CONSTANT:
             hats.append(hat(quantity, variable, f"{name or intervals}_{k}", at, half, side))
     return tuple(hats)
 
@@ -266,8 +268,9 @@ def local_curves(quantity: str, variable: str, low: float, high: float) -> list[
 
 
 def shapes(
-    quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] | None = None
-) -> list[list[Shape]]:
+    quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] | None = None,
+    at_one: bool = False,
+) -> list[list[Shape]]:  # fmt: skip
     """Families of shapes of a variable over a range, each with its possible places or scales.
 
     `places` are those of steps and bends; by default the edges between PARTS_OF_RANGE parts of the range.
@@ -292,7 +295,8 @@ def shapes(
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
     if variable in SIZE_VARIABLES:
         families.append([(size(quantity, variable),)])
-    return [*families, [curve(quantity, variable, low, high, intervals) for intervals in CURVE_INTERVALS]]
+    curves = [curve(quantity, variable, low, high, intervals, at_one=at_one) for intervals in CURVE_INTERVALS]
+    return [*families, curves]
 
 
 def shapes_at_one(
@@ -305,7 +309,7 @@ def shapes_at_one(
     places: tuple[float, ...] | None = None,
 ) -> list[list[Shape]]:
     """The shapes restricted to each single rail or ball."""
-    every = shapes(quantity, variable, low, high, places)
+    every = shapes(quantity, variable, low, high, places, at_one=True)
     return [
         [tuple(only_at(one, counted, k) for one in shape) for shape in family] for k in range(count) for family in every
     ]
@@ -315,21 +319,6 @@ def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]
     """Shapes of rails or balls: a single one, or each relative to the first."""
     each = straight(quantity, variable, count)
     return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
-
-
-def around(shape: Shape) -> list[Shape]:
-    """The shape with its steps and bends (two at most) at finer places, up to the neighbouring grid points."""
-    moving = [k for k, term in enumerate(shape) if term.limits is not None and term.kind != kinds.DECAY]
-    if not 0 < len(moving) <= 2:
-        return [shape]
-    found = [shape]
-    for k in moving:
-        low, high = shape[k].limits or (0.0, 0.0)
-        at, spacing = shape[k].constants[1], (high - low) / PARTS_OF_RANGE
-        places = [at + spacing * part / FINER_PARTS for part in range(-FINER_PARTS, FINER_PARTS + 1)]
-        moved = [shape[k].moved(place) for place in places if low < place < high]
-        found = [(*one[:k], term, *one[k + 1 :]) for one in found for term in moved]
-    return [one for one in found if len(one) == 1 or one[0].constants[1] < one[-1].constants[1]]
 
 
 def product(quantity: str, variable: str, over: str) -> Term:
