@@ -43,6 +43,7 @@ from sysid.selection.judgement import (
     unknowns_of,
     unknowns_of_terms,
 )
+from sysid.selection.score import Score, Scores
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import at_sizes, candidate
@@ -263,32 +264,6 @@ def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFor
     return view, formula
 
 
-def with_name(
-    view: V, verdict: tuple[str, ...], formula: SparseFormula
-) -> tuple[V, tuple[str, ...], SparseFormula | None]:
-    """Replace a shape by an effect of the catalogue that the shots do not tell from it.
-
-    A shape is chosen where the fit of the effect had not found its end, or of an effect that has no value here yet.
-    """
-    for group in formula.groups:
-        seen = partial(view.scores_without, parameters_of(group))
-        placed = next(one for one in formula.placed(view.point).groups if one[0].name == group[0].name)
-        own = causes(seen(shape_candidates([placed])))[0]
-        scores = seen(at_sizes(candidates_for(view.model)))
-        best = next(iter(causes(scores)), None)
-        if best is None or best.log_odds < own.log_odds - SEPARATED_LOG_ODDS:
-            continue
-        row = next(one for one in scores.rows if one.candidate.name == best.name)
-        fewer = formula.without(group, view.point)
-        less = view.stripped(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
-        named = less.with_effect(row).renewed()
-        more = likelier(view, unknowns_of_terms(group), named, unknowns_of(row.candidate, named.names))
-        log.info("%s in place of %s: log odds %.1f", best.name, group[0].group, more)
-        if more > -SEPARATED_LOG_ODDS:
-            return named, (*verdict, best.name), fewer
-    return view, verdict, formula
-
-
 @dataclass(frozen=True)
 class Found(Generic[V]):
     """The state of a search."""
@@ -299,12 +274,60 @@ class Found(Generic[V]):
     dropped: tuple[str, ...] = ()  # effects that were added and later dropped
 
 
+def with_likelier_names(found: Found[V]) -> Found[V]:
+    """The state with an effect of the catalogue in place of a cause, if one is; unchanged otherwise.
+
+    In place of another effect it must be clearly likelier; of a shape, not clearly less likely: a shape is chosen where
+    the fit of the effect had not found its end. Scores are those of the last fit without the cause.
+    """
+    view, every = found.view, at_sizes(candidates_for(found.view.model))
+    for name in found.verdict:
+        kind = next(type(one) for one in view.model.effects if one.name() == name)
+        own = candidate(kind)
+        scores = view.scores_without({one for one in view.names if one.startswith(f"{name}.")}, [*every, own])
+        if (row := _likeliest(scores, than=name, by=SEPARATED_LOG_ODDS)) is None:
+            continue
+        other, unknowns = view.stripped(name).with_effect(row).renewed(), unknowns_of(own, view.names)
+        more = likelier(view, unknowns, other, unknowns_of(row.candidate, other.names))
+        log.info("%s in place of %s: log odds %.1f", row.candidate.name, name, more)
+        if more > SEPARATED_LOG_ODDS:
+            kept = tuple(row.candidate.name if one == name else one for one in found.verdict)
+            return dataclasses.replace(found, view=other, verdict=kept, dropped=(*found.dropped, name))
+    if (formula := found.formula) is None:
+        return found
+    for group in formula.groups:
+        at = next(one for one in formula.placed(view.point).groups if one[0].name == group[0].name)
+        own = shape_candidates([at])[0]
+        scores = view.scores_without(parameters_of(group), [*every, own])
+        if (row := _likeliest(scores, than=own.name, by=-SEPARATED_LOG_ODDS)) is None:
+            continue
+        fewer = formula.without(group, view.point)
+        less = view.stripped(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
+        other = less.with_effect(row).renewed()
+        more = likelier(view, unknowns_of_terms(group), other, unknowns_of(row.candidate, other.names))
+        log.info("%s in place of %s: log odds %.1f", row.candidate.name, group[0].group, more)
+        if more > -SEPARATED_LOG_ODDS:
+            verdict = (*found.verdict, row.candidate.name)
+            return dataclasses.replace(found, view=other, verdict=verdict, formula=fewer)
+    return found
+
+
+def _likeliest(scores: Scores, than: str, by: float) -> Score | None:
+    """The score of the likeliest candidate, if that is by so much likelier than one of them, and another."""
+    odds = {one.name: one.log_odds for one in causes(scores)}
+    best = max((name for name in odds if name != than), key=odds.__getitem__, default=than)
+    if best == than or odds[best] <= odds[than] + by:
+        return None
+    return next(one for one in scores.rows if one.candidate.name == best)
+
+
 def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Found[V], Screening]]:
     """Search for what a fit lacks; yields the state after each round, the last of which adds nothing.
 
     Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. When
     nothing more is likely, initial states of poorly followed shots are searched again, and only causes that are still
-    accepted are kept: a wrong initial state may look like a cause. Shapes that are an effect's get its name in the end.
+    accepted are kept: a wrong initial state may look like a cause. In the end
+    each cause is compared with the effects of the catalogue.
     """
     been, searched, read = [_what(found)], list[_What](), list[_What]()
     while True:
@@ -322,7 +345,7 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
                     been.clear()
             if now.view is found.view and _what(found) not in read:
                 read.append(_what(found))
-                now = _named(found)
+                now = with_likelier_names(found)
             if now.view is found.view:
                 yield found, seen.screening
                 return
@@ -341,14 +364,6 @@ def _needed(
         now, formula = with_likeliest_shapes(now, formula)
     gone = tuple(name for name in verdict if name not in kept)
     return Found(now if now is view else now.renewed(), kept, formula, (*found.dropped, *gone))
-
-
-def _named(found: Found[V]) -> Found[V]:
-    """The state with an effect in place of a shape; unchanged if none is its equal."""
-    if found.formula is None:
-        return found
-    view, verdict, formula = with_name(found.view, found.verdict, found.formula)
-    return found if view is found.view else Found(view, verdict, formula, found.dropped)
 
 
 def _what(found: Found[V]) -> _What:
