@@ -334,8 +334,9 @@ def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, flo
         return "; ".join(f"{QUANTITY_TEXTS[t.quantity]}: {values[t]:+.4g} * ({t.factor})" for t in group)
     curve = _curve(group, values, sds)
     nodes = list(zip(curve["at"], curve["value"], curve["sd"], strict=True))
-    told = [node for node in nodes if node[2] is not None] or nodes
-    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v, _ in told)
+    if any(math.isfinite(sds[t]) for t in group):
+        nodes = [node for node in nodes if node[2] is not None]
+    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v, _ in nodes)
     unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""
     return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, linear between these"
 
