@@ -34,9 +34,9 @@ from sysid.clips import read_clip_set
 from sysid.vision import CueLine, write_camera
 from tests.robot.align_pictures import Stick, bare, camera_over, empty, picture
 from tests.robot.test_learn import COURSE, MODEL, SCENE
-from tests.robot.test_learn_cli import QUICK
 from tests.robot.test_robot_play import OURS, straight_plan, struck
 from tests.support.clip_samples import contents
+from tests.support.quick_plans import QUICK
 from tests.sysid.cli.test_cli import Said
 
 BALL, AZIMUTH = (0.3, -0.2), 42.0  # [m], [degrees]
