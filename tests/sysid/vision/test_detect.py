@@ -144,18 +144,28 @@ def test_centres_are_known_to_a_fraction_of_a_pixel(tmp_path: Path, radius: int)
         assert max(np.hypot(*(found[n].xy - xy)) for n, xy in zip(THREE, camera.outline(row), strict=True)) < 0.6
 
 
-@pytest.mark.slow
-def test_a_ball_is_found_far_from_where_it_is_expected(tmp_path: Path) -> None:
+Learnt = tuple[Detector, Camera, list[Picture], Array]
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> Learnt:
+    """What is learnt from eight pictures of three balls far from each other; camera, pictures and places."""
     camera, rng = camera_of(10), np.random.default_rng(3)
     places = np.array([scattered(camera, 3, rng, gap=6) for _ in range(8)])
     pictures = shown(camera, THREE, places)
-    off, _ = errors(learnt(tmp_path / "f", camera, pictures), camera, pictures, THREE, places, off=12.0)
+    return learnt(tmp_path_factory.mktemp("usual") / "f", camera, pictures), camera, pictures, places
+
+
+@pytest.mark.slow
+def test_a_ball_is_found_far_from_where_it_is_expected(usual: Learnt) -> None:
+    detector, camera, pictures, places = usual
+    off, _ = errors(detector, camera, pictures, THREE, places, off=12.0)
     assert np.isfinite(off).all()
     assert rms(off) < 0.08
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tint", [(1.0, 0.8, 0.55), (0.7, 0.85, 1.0)])
+@pytest.mark.parametrize("tint", [(1.0, 0.8, 0.55), pytest.param((0.7, 0.85, 1.0), marks=pytest.mark.thorough)])
 def test_all_colours_are_named_in_uneven_light_of_any_colour(tmp_path: Path, tint: tuple[float, float, float]) -> None:
     camera, rng = camera_of(20), np.random.default_rng(4)
     places = np.array([scattered(camera, 8, rng, gap=2.6) for _ in range(7)])
@@ -170,10 +180,8 @@ def test_all_colours_are_named_in_uneven_light_of_any_colour(tmp_path: Path, tin
 
 
 @pytest.mark.slow
-def test_nothing_is_found_where_there_is_no_ball(tmp_path: Path) -> None:
-    camera, rng = camera_of(10), np.random.default_rng(5)
-    places = np.array([scattered(camera, 3, rng) for _ in range(8)])
-    detector = learnt(tmp_path / "f", camera, shown(camera, THREE, places))
+def test_nothing_is_found_where_there_is_no_ball(usual: Learnt) -> None:
+    (detector, camera, _, _), rng = usual, np.random.default_rng(5)
     bare = np.zeros((3, 0, 2))
     cue = Cue(0.0, (0.05, 0.02, 0.026), 0.4, 1.0)
     pictures = [*shown(camera, (), bare, seed=1), *shown(camera, (), bare, cue=cue, seed=2)]
@@ -224,7 +232,6 @@ def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_a_ball_with_the_cue_at_it_and_one_that_moves_are_found(tmp_path: Path) -> None:
     camera, rng = camera_of(20), np.random.default_rng(6)
     still = np.array([scattered(camera, 3, rng, gap=5) for _ in range(8)])
@@ -259,10 +266,9 @@ def test_changing_light_is_allowed_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_learning_is_deterministic_and_minds_the_size(tmp_path: Path) -> None:
-    camera, rng = camera_of(10), np.random.default_rng(8)
-    pictures = shown(camera, THREE, np.array([scattered(camera, 3, rng) for _ in range(4)]))
-    one, two = (learnt(tmp_path / "f", camera, pictures) for _ in range(2))
+def test_learning_is_deterministic_and_minds_the_size(usual: Learnt, tmp_path: Path) -> None:
+    one, camera, pictures, _ = usual
+    two = learnt(tmp_path / "f", camera, pictures)
     assert one.notes == two.notes
     assert [s.xy.tolist() for s in one.find(pictures[0])] == [s.xy.tolist() for s in two.find(pictures[0])]
     with pytest.raises(BadInput, match=r"480 x 360 .* 560 x 420"):

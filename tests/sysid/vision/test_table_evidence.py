@@ -103,7 +103,9 @@ def test_a_strip_goes_no_farther_than_the_picture() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(TABLES))
+@pytest.mark.parametrize("name", [
+    "snooker", "tiny", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("pool", "small")),
+])  # fmt: skip
 def test_a_plain_table_is_calibrated_unaided(name: str) -> None:
     camera, picture = plain(name)
     found = calibrate(picture, camera.table, camera.diameter)

@@ -20,6 +20,7 @@ from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
+from sysid.clips.trust import camera_doubts
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected, Shutter
 from sysid.vision.camera.projection import write_camera
@@ -160,7 +161,7 @@ def test_what_cannot_be_used_is_refused_before_the_work(tmp_path: File) -> None:
 def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str]) -> None:
     table = Table(1.0, 0.55)
     flat = overhead(table, BALL.diameter, (480, 320), 1.6, 1.2, (0.02, -0.03))
-    camera = dataclasses.replace(flat, distortion=np.array([-0.05, 0.01, 0.0, 0.0, 0.0]))
+    camera = dataclasses.replace(flat, distortion=np.array([-0.05, 0.01, 0.0, 0.0, 0.0]), doubts=("its edges",))
     write_camera(tmp_path / "camera.toml", camera)
     places, velocity = np.array([[-0.3, -0.1], [0.05, 0.02], [0.3, -0.15]]), np.zeros((3, 2))
     velocity[0] = [1.0, 0.33]
@@ -177,7 +178,9 @@ def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str])
     said = capsys.readouterr().out
     assert code == 0, said
     assert "mass 0.1406 kg" in said
-    (clip,) = read_clip_set(tmp_path / "set").clips
+    clip_set = read_clip_set(tmp_path / "set")
+    (clip,), doubts = clip_set.clips, camera_doubts(clip_set)
+    assert doubts == ("its edges",), "of the camera, which its clips carry on"
     assert clip.struck == "white"
     assert set(clip.balls) == set(NAMES)
     start = json.loads((tmp_path / "t.json").read_text())["clips"][0]["frames"][0]
