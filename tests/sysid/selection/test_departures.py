@@ -56,6 +56,7 @@ def test_a_departure_says_after_what() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_balls_that_cling_now_and_then_are_located(tmp_path: Path) -> None:
     """By chance, in some collisions: no effect or formula says in which, and no clip departs alone."""
     words = ("--seed", "71", "--clips", "12", "--sigma", "0.0005", "--missing", "0.01", "--seconds", "4")

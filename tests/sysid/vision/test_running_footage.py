@@ -15,8 +15,8 @@ from tests.footage.__main__ import main as film
 from tests.footage.scenes import Scene, scenes
 from tests.truth.__main__ import main as generate
 
-FPS = 60.0
-SHOTS = ("--clips", "2", "--seconds", "1.4", "--fps", "60", "--length", "1.1", "--width", "0.6", "--no-cue")
+FPS = 100.0
+SHOTS = ("--clips", "2", "--seconds", "1.6", "--fps", "100", "--length", "1.1", "--width", "0.6", "--no-cue")
 MAX_ERROR_M = 1e-3  # rms, half a pixel
 
 
