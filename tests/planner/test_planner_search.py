@@ -38,8 +38,8 @@ from planner.search.candidates import (
     stroke_grid,
 )
 from planner.search.search import MIN_MADE_PROBABILITY, Effort, search
-from tests.planner.test_planner import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready, scene, straight
 from tests.support.clip_samples import refusal
+from tests.support.planned_shots import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready, scene, straight
 
 QUICK = Effort(
     starts=6, strokes=12, best=4, rounds=3, halved=1, plays=16, finalists=3, closely=64, fresh=256,

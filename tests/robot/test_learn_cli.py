@@ -27,14 +27,13 @@ from robot.learning.history import History, read_history
 from robot.learning.loop import LearningConfig
 from robot.learning.refit import Learnt
 from robot.learning.summary import figures, text_of
-from tests.robot.test_learn import COURSE, MAP, MODEL, RESULT, TRUE, refit, shot, story
 from tests.support.clip_samples import contents
+from tests.support.commands import Said
 from tests.support.quick_plans import QUICK
-from tests.sysid.cli.test_cli import Said
+from tests.support.series_samples import COURSE, MAP, MODEL, RESULT, STAND, TRUE, refit, shot, story
 
 Run = Callable[..., Said]
 ENDED = ("ended.txt", "hidden.toml", "hidden_cue.json", "report.html", "story.png", "story.rrd")
-STAND = EmulatedRig(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)
 
 
 @pytest.fixture

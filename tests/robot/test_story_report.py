@@ -18,8 +18,9 @@ from models.recording.story import STORY_CURVES, SeriesRecording, SeriesShot, wr
 from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import History, Refit
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
-from tests.models.recording.test_view import column, read, seconds
 from tests.support.html_pages import STRANGE, Page
+from tests.support.reviewed_clips import column, read, seconds
+from tests.support.series_samples import series
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
 
 EMPTY = History({"every": 10}, (), (), "")
@@ -43,16 +44,6 @@ def rows_of(page: str, which: int) -> list[list[str]]:
     """Cells of a table of the page."""
     table = re.findall(r"<tbody>(.*?)</tbody>", page, re.DOTALL)[which]
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", table)]
-
-
-def series(batches: list[Any], name: str) -> dict[int, list[Any]]:
-    """Rows of a column by shot."""
-    found: dict[int, list[Any]] = {}
-    for batch in batches:
-        for label in (label for label in batch.schema.names if label.endswith(name)):
-            for shot, row in zip(batch["shot"].to_pylist(), batch[label].to_pylist(), strict=True):
-                found.setdefault(shot, []).append(row)
-    return found
 
 
 @pytest.mark.parametrize(("count", "every"), ((0, 10), (1, 10), (9, 10), (10, 10), (14, 10), (15, 10), (60, 7)))

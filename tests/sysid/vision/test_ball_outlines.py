@@ -14,7 +14,7 @@ from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.trust import with_focal
 from tests.footage.film import Look, Picture, film
 from tests.footage.motion import Motion
-from tests.sysid.vision.test_calibrate import errors, over_table, rms
+from tests.support.table_views import errors, over_table, rms
 
 cv2.setNumThreads(1)
 

@@ -17,7 +17,7 @@ from sysid.vision.camera.projection import Camera, read_camera
 from tests.footage import film
 from tests.footage.film import Look, Picture
 from tests.footage.motion import Motion
-from tests.sysid.vision.test_calibrate import DIAMETER, errors, over_table, rms, run, taken
+from tests.support.table_views import DIAMETER, errors, over_table, rms, run, taken
 
 REAL = Look(
     noise=3.0, uneven=0.3, cushion_shadow=0.018, cloth=(0.40, 0.52, 0.46), cloth_tops=True, diamonds=0.012, lamps=1.0,

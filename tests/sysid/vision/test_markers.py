@@ -24,7 +24,7 @@ from sysid.vision.camera.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAI
 from sysid.vision.camera.projection import Camera
 from tests.footage.cards import Card, all_cards
 from tests.footage.film import Look, Picture
-from tests.sysid.vision.test_calibrate import errors, over_table, rms, taken
+from tests.support.table_views import errors, over_table, rms, taken
 
 cv2.setNumThreads(1)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path as File
 from typing import cast
 
@@ -21,10 +20,9 @@ from models.simulation.simulate import simulate
 from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
 from sysid.clips.trust import camera_doubts
-from sysid.vision.balls.detect import Detection, Detector
-from sysid.vision.balls.discs import Expected, Shutter
+from sysid.vision.balls.detect import Detector
 from sysid.vision.camera.projection import write_camera
-from sysid.vision.frames import Footage, Frame, Picture
+from sysid.vision.frames import Footage
 from sysid.vision.preview import write_previews
 from sysid.vision.tracks.clips import note
 from sysid.vision.tracks.noise import residuals
@@ -32,53 +30,7 @@ from sysid.vision.tracks.track import Tracked, track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
-from tests.sysid.vision.test_follow import (
-    BALL,
-    CAMERA,
-    FPS,
-    NAMES,
-    TABLE,
-    Recording,
-    sightings,
-)
-
-
-class Drawn:
-    """Footage of a recording: white discs on black, which a detector without doubts finds."""
-
-    size, fps, assumed = CAMERA.size, FPS, ("frame times from the test",)
-
-    def __init__(self, made: Recording) -> None:
-        self.position = np.concatenate(made.rows)
-        self.count = len(self.position)
-
-    def __iter__(self) -> Iterator[Frame]:
-        for index in range(self.count):
-            picture = np.zeros((self.size[1] // 2, self.size[0] // 2, 3), np.uint8)
-            picture[0, 0] = index // 256, index % 256, 0
-            yield Frame(index, index / FPS, picture)
-
-
-class Knowing:
-    """A detector that looks up where balls are; those that are not expected only when all are asked for."""
-
-    told, noise, palette = ("told by the test",), 1.0, None
-
-    def __init__(self, made: Recording) -> None:
-        position = np.concatenate(made.rows)
-        self.seen = list(sightings(position, NAMES, np.random.default_rng(0)))
-        self.asked = [0, 0]
-
-    def find(
-        self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None,
-        taken: Sequence[np.ndarray] = (),
-    ) -> list[Detection]:  # fmt: skip
-        index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
-        self.asked[bool(expected)] += 1
-        if not expected:
-            return [s for s in self.seen[index] if all(np.hypot(*(s.xy - at)) > s.radius for at in taken)]
-        near = [(s, one) for s in self.seen[index] for one in expected if s.name == one.name]
-        return [s for s, one in near if np.hypot(*(s.xy - one.xy)) < 60]
+from tests.support.followed_balls import BALL, CAMERA, NAMES, TABLE, Drawn, Knowing, Recording
 
 
 @pytest.fixture(scope="module")
