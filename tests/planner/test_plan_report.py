@@ -6,7 +6,6 @@ import json
 import re
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -17,6 +16,7 @@ from models.recording.plan import dropped, fate, outline, sentence, write_plan
 from models.shot import Array, Table
 from planner.report import write_picture, write_report
 from tests.support.html_pages import STRANGE, Page
+from tests.support.outputs import check_bad_places, check_page, check_recording
 from tests.support.plan_samples import BALL, BALLS, HALF, REST, TABLE, sample
 from tests.support.reviewed_clips import column, read, seconds
 
@@ -105,14 +105,7 @@ def test_the_figures_of_the_plan_are_on_paper(page: str) -> None:
 
 
 def test_the_page_is_whole_and_needs_nothing_else(page: str) -> None:
-    read_page = Page(page)
-    assert read_page.open == []
-    assert not {tag for tag, _ in read_page.seen} & {"script", "link", "iframe"}
-    assert "http" not in re.sub(r"base64,[^\"]+", "", page)
-    assert len(read_page.pictures()) == 6  # face, table, resting places, three alternatives
-    for picture in read_page.pictures():
-        assert ElementTree.fromstring(picture).tag.endswith("svg")
-    assert len(page) < 1_000_000
+    check_page(page, 6)  # face, table, resting places, three alternatives
 
 
 def test_figures_count_samples_by_outcome(page: str, plan: dict[str, Any]) -> None:
@@ -237,33 +230,16 @@ def test_the_recording_tells_what_to_play(recorded: dict[str, list[Any]]) -> Non
 
 
 def test_views_of_the_recording(tmp_path: Path, plan: dict[str, Any]) -> None:
-    from rerun.chunk import RrdReader
-
-    for name, title in (("a", "one"), ("b", "one"), ("c", "other")):
-        write_plan(tmp_path / name, plan, title=title)
-    readers = [RrdReader(tmp_path / name) for name in "abc"]
-    ids = [reader.recordings()[0].recording_id for reader in readers]
-    assert ids[0] == ids[1] != ids[2]
-    (blueprint,) = readers[0].blueprints()
-    batches = [chunk.to_record_batch() for chunk in readers[0].stream(store=blueprint).to_chunks()]
-    names = {row[0] for row in column(batches, "ViewBlueprint:display_name")}
-    assert {"The plan", "In 3-D", "Alternative 1", "Alternative 3", "What to play", "How to read this"} <= names
-    timelines = {name for chunk in readers[0].stream().to_chunks() for name in chunk.timeline_names}
-    assert timelines == {"shot_time"}
+    views = {"The plan", "In 3-D", "Alternative 1", "Alternative 3", "What to play", "How to read this"}
+    check_recording(tmp_path, lambda path, title: write_plan(path, plan, title=title), views, {"shot_time"})
 
 
 @pytest.mark.slow
 def test_a_bad_place_is_named_and_nothing_is_left(tmp_path: Path, plan: dict[str, Any]) -> None:
-    for place in (tmp_path / "nowhere" / "x", tmp_path):
-        for write in (
-            lambda at: write_report(at, plan, "t"),
-            lambda at: write_picture(at, plan),
-            lambda at: write_plan(at, plan, title="t"),
-        ):
-            with pytest.raises(BadInput, match=re.escape(str(place))) as error:
-                write(place)
-            assert "\n" not in str(error.value)
-    assert list(tmp_path.iterdir()) == []
+    check_bad_places(
+        tmp_path, lambda at: write_report(at, plan, "t"), lambda at: write_picture(at, plan),
+        lambda at: write_plan(at, plan, title="t"),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from models.recording.clips import Review
 from models.recording.shots import write_review
 from models.recording.table import pocket_discs
 from models.shot import Table, Track
+from tests.support.outputs import check_recording
 from tests.support.reviewed_clips import BALL, OFFSET, TABLE, clip, column, read, seconds
 
 
@@ -51,13 +52,6 @@ def test_clips_follow_one_another_from_whole_seconds(written: tuple[Path, dict[s
     assert sorted(seconds(written[1]["/text/clip"])) == pytest.approx([0.0, 3.0, 6.0])
     times = np.array(seconds(written[1]["/error/x/cue"]))
     assert (times.min(), times.max()) == (0.0, pytest.approx(3.0 + 119 / 60 + 1e-3))
-
-
-def test_only_the_two_timelines(written: tuple[Path, dict[str, list[Any]]]) -> None:
-    from rerun.chunk import RrdReader
-
-    timelines = {name for chunk in RrdReader(written[0]).stream().to_chunks() for name in chunk.timeline_names}
-    assert timelines == {"shot_time", "clip"}
 
 
 def test_table_frame_and_disappearance(written: tuple[Path, dict[str, list[Any]]]) -> None:
@@ -94,20 +88,6 @@ def test_words_name_clips_and_errors(written: tuple[Path, dict[str, list[Any]]])
     guide = column(written[1]["/text/guide"], "TextDocument:text")[0][0]
     assert "measured" in guide
     assert "Cyan" in guide
-
-
-def test_blueprint_is_inside(written: tuple[Path, dict[str, list[Any]]]) -> None:
-    from rerun.chunk import RrdReader
-
-    reader = RrdReader(written[0])
-    assert len(reader.recordings()) == 1
-    (blueprint,) = reader.blueprints()
-    names = {
-        row[0]
-        for chunk in reader.stream(store=blueprint).to_chunks()
-        for row in column([chunk.to_record_batch()], "ViewBlueprint:display_name")
-    }
-    assert {"Table from above", "Table in 3-D", "This clip", "How to read this"} <= names
 
 
 def test_up_on_the_picture_is_plus_y(written: tuple[Path, dict[str, list[Any]]]) -> None:
@@ -234,12 +214,11 @@ def test_a_ball_at_rest_is_written_once(tmp_path: Path) -> None:
 
 
 def test_the_same_review_is_the_same_recording(tmp_path: Path) -> None:
-    from rerun.chunk import RrdReader
-
-    for name, title in (("a", "one"), ("b", "one"), ("c", "other")):
-        write_review(tmp_path / name, TABLE, BALL, [clip("x")], title=title)
-    ids = [RrdReader(tmp_path / name).recordings()[0].recording_id for name in "abc"]
-    assert ids[0] == ids[1] != ids[2]
+    views = {"Table from above", "Table in 3-D", "This clip", "How to read this"}
+    check_recording(
+        tmp_path, lambda path, title: write_review(path, TABLE, BALL, [clip("x")], title=title), views,
+        {"shot_time", "clip"},
+    )  # fmt: skip
     one, other, third = (content(tmp_path / name) for name in "abc")
     assert one == other != third
     assert any(rows > 100 for _, rows, _ in one), "the paths of balls"
