@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,13 @@ import pytest
 import planner.cli
 import sysid.cli
 from models.workers import cluster as dask
+from planner.cli.study import StudyOptions
 from sysid.estimation.solver import spread
-from tests.kills.works import films, plain
+from tests.footage.__main__ import main as film
+from tests.kills.works import lines_of, plain
 from tests.support.dask_cluster import pids, two_workers
+from tests.support.quick_plans import STUDY
+from tests.truth.__main__ import main as generate
 
 ROOT = Path(__file__).parents[1]
 
@@ -29,12 +33,13 @@ def cluster() -> Iterator[Any]:
         yield made
 
 
-def kill_one_after(cluster: Any, seconds: float) -> None:
+def kill_one_once(cluster: Any, begun: Callable[[], bool]) -> None:
     def kill() -> None:
-        time.sleep(seconds)
+        while not begun():
+            time.sleep(0.02)
         os.kill(pids(cluster)[0], signal.SIGKILL)
 
-    threading.Thread(target=kill).start()
+    threading.Thread(target=kill, daemon=True).start()
 
 
 def files(folder: Path) -> dict[str, Any]:
@@ -48,28 +53,34 @@ def files(folder: Path) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_discover(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spread, "MIN_PROBLEMS_SENT", 5)
-    words = ["discover", str(ROOT / "sysid" / "example"), "--quiet", "--out"]
-    kill_one_after(cluster, 4.0)
-    assert sysid.cli.main([*words, str(tmp_path / "there"), "--scheduler", cluster.scheduler_address]) == 0
-    assert sysid.cli.main([*words, str(tmp_path / "here")]) == 0
-    assert files(tmp_path / "there") == files(tmp_path / "here")
+    monkeypatch.setattr(spread, "MIN_PROBLEMS_SENT", 3)
+    clips, there, here = (tmp_path / name for name in ("set", "there", "here"))
+    assert generate([str(clips), "--seed", "36", "--clips", "7", "--seconds", "1.5", "--kind", "roll,stun"]) == 0
+    words = ["discover", str(clips), "--quiet", "--out"]
+    kill_one_once(cluster, lambda: lines_of(there / "unfinished.jsonl") > 1)  # in the midst of the fits
+    status = sysid.cli.main([*words, str(there), "--scheduler", cluster.scheduler_address])
+    assert sysid.cli.main([*words, str(here)]) == status < 2
+    assert files(there) == files(here)
 
 
 @pytest.mark.slow
 def test_track(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    films(tmp_path)
     monkeypatch.chdir(tmp_path)
-    words = ["track", "one.mkv", "two.mkv", "--camera", "camera.toml", "--out"]
+    small = ["--clips", "1", "--seconds", "0.6", "--fps", "60", "--kind", "roll", "--length", "1.1", "--width", "0.6"]
+    for seed, name in enumerate(("one", "two")):
+        assert generate([name, "--seed", str(seed), "--no-cue", *small]) == 0
+        assert film([name, f"{name}.mkv", "--size", "360x220"]) == 0
+    words = ["track", "one.mkv", "two.mkv", "--camera", "one.camera.toml", "--out"]
     here = sysid.cli.main([*words, "here"])
-    assert sysid.cli.main([*words, "there", "--scheduler", cluster.scheduler_address]) == here
+    assert sysid.cli.main([*words, "there", "--scheduler", cluster.scheduler_address]) == here < 2
     assert files(tmp_path / "there") == files(tmp_path / "here")
 
 
 @pytest.mark.slow
-def test_study(cluster: Any, tmp_path: Path) -> None:
-    words = ["study", "--scenes", "2", "--method", "risk", "--quiet", "--out"]
-    assert planner.cli.main([*words, str(tmp_path / "here"), "--jobs", "2"]) == 0
+def test_study(cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(StudyOptions, "study", lambda self: STUDY)
+    words = ["study", "--scenes", "2", "--quiet", "--out"]
+    assert planner.cli.main([*words, str(tmp_path / "here"), "--jobs", "1"]) == 0
     assert planner.cli.main([*words, str(tmp_path / "there"), "--scheduler", cluster.scheduler_address]) == 0
     assert files(tmp_path / "there") == files(tmp_path / "here")
 

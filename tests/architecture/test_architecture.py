@@ -205,6 +205,12 @@ def test_the_truth_is_independent_of_what_it_judges() -> None:
     assert not [name for path in made for name in imports(path) if name.startswith("tests.truth")]
 
 
+def test_no_test_is_borrowed_from() -> None:
+    """What several test modules need is in tests/support."""
+    taken = {(path.name, name) for path in sources("tests") for name in imports(path)}
+    assert {one for one in taken if one[1].startswith("tests.") and ".test_" in one[1]} == set()
+
+
 def test_no_source_is_long() -> None:
     files = [path for path in tracked_files() if path.suffix in (".py", ".xml")]
     files += [path for folder in (*FLOW, "tests") for path in sources(folder)]

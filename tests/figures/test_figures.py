@@ -15,7 +15,7 @@ from robot.learning.summary import figures
 from tests.figures.__main__ import entered
 from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, unmarked_quantities, used
 from tests.figures.sources import AXES, READERS, REPORTS, agree, short, unlike
-from tests.robot.test_learn import COURSE, story
+from tests.support.series_samples import COURSE, story
 
 SOURCES = read_figures()
 SENTENCES = ("README.md", "related.md")

@@ -21,7 +21,7 @@ from tests.fuzz.trial import Ended, prepare, tried
 from tests.fuzz.verbs import SEEDS, VERBS, Command, Verb
 
 SHORT_COUNT = 800
-LONG = ("sysid discover", "robot learn")
+LONG = ("sysid discover", "robot learn", "sysid doctor", "sysid track pictures")  # with slow tests of their own
 CHECK, COMPARE, ADD = "sysid check clips", "sysid compare clips", "sysid add squirt --model model.toml --out out.toml"
 NEW_EFFECT = "sysid new-effect mine --from result.json --dir out"
 SIZES = "--length 1.881 --width 0.943 --diameter 0.0615"
@@ -39,8 +39,9 @@ def test_changed_inputs_are_refused_in_a_line(tmp_path: Path) -> None:
     assert main(["--count", str(SHORT_COUNT), "--verbs", "40", "--out", str(tmp_path / "fuzz")]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", [
-    pytest.param(verb, id=verb.line[:40], marks=[pytest.mark.slow] * verb.line.startswith(LONG)) for verb in VERBS
+    pytest.param(verb, id=verb.line[:40], marks=[pytest.mark.thorough] * verb.line.startswith(LONG)) for verb in VERBS
 ])  # fmt: skip
 def test_seeds_are_sound(verb: Verb, tmp_path: Path) -> None:
     ended = tried(Command(verb, tuple(verb.words), {}), tmp_path / "trial")

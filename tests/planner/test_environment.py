@@ -235,11 +235,11 @@ def test_many_at_once_are_paid_as_one_by_one_would_be() -> None:
 def test_the_mean_reward_falls_for_a_bad_stroke_and_an_unsteady_hand() -> None:
     good, fair, bad = [1.2, 0.0, 0.0, STRAIGHT], [1.2, 0.0, 0.0, STRAIGHT + 0.008], [1.2, 0.0, 0.0, STRAIGHT + 0.2]
     environment = load(scene(), model(unsure=True), seed=12)
-    values = environment.expected([good, fair, bad, good], 128)
+    values = environment.expected([good, fair, bad, good], 48)
     assert 1.0 >= values[0] > values[1] + 0.05
     assert values[1] > values[2]
     assert values[0] == values[3]  # one set of samples for all
-    unsteady = load(scene(), model(unsure=True), Execution(azimuth_sd=0.01), seed=12).expected([good], 128)
+    unsteady = load(scene(), model(unsure=True), Execution(azimuth_sd=0.01), seed=12).expected([good], 48)
     assert unsteady[0] < values[0] - 0.1
 
 

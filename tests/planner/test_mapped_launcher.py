@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, launch
+from models.analytic.cue_impulse import CONSTANT_NAMES, Geometry, launch
 from models.errors import BadInput
 from models.model_file import full_model
 from models.shot import Array, Ball, Table
@@ -17,11 +17,11 @@ from planner.launcher.execution import Execution
 from planner.launcher.mapped import execution_of, with_map
 from planner.launcher.stroke import LauncherModel
 from planner.launcher.stroke import launch as plan_launch
+from tests.support.planned_shots import TRUE
 
 BALL = Ball(0.0525, 0.1406)
 GEOMETRY = Geometry(BALL)
 MODEL = full_model(Table(3.569, 1.778), BALL)
-TRUE = Constants(0.71, 0.56, 0.0062, 0.24, 9e-4, 4e-4, -3e-4, 2e-3)
 MAP = CueingMap(TRUE, GEOMETRY, np.full((8, 8), np.nan), Execution())
 
 

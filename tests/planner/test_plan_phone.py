@@ -12,8 +12,8 @@ import pytest
 from models.report.axes import TABLE_MARGIN_M
 from planner.report import write_report
 from planner.report_figures import part_used
-from tests.planner.test_plan_report import HALF, sample
 from tests.support.browser import chromium
+from tests.support.plan_samples import HALF, sample
 
 LOADED = "[...document.images].every((one) => one.complete && one.naturalWidth > 0)"
 ABOVE = "img[alt='The shot']"

@@ -16,64 +16,41 @@ from scipy.special import ndtr
 import planner.evaluation.play
 from models.analytic import cueing
 from models.effects.cue.squirt import Squirt
-from models.model_file import Estimate, Model, full_model
-from models.shot import Array, Ball, Table
+from models.model_file import full_model
+from models.shot import Array, Table
 from planner.evaluation.outcome import FOULS, Outcomes, concatenate
-from planner.evaluation.play import Player
 from planner.evaluation.risk import draw_errors, evaluate, wilson_interval
 from planner.evaluation.value import UtilityWeights, position_quality, rest_distance, utility
 from planner.launcher.execution import Execution, execution_from, normal_samples, read_execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch, stroke_terms, with_speeds
-from planner.scene import POCKETS, Goal, Scene, scene_dict, scene_from
+from planner.scene import POCKETS, Scene, scene_dict, scene_from
 from sysid.clips import Clip, ClipSet, CueCommand, Observation
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import shot_problem
 from tests.support.clip_samples import refusal
-
-TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-R = BALL.radius
-HALF = np.array([TABLE.length, TABLE.width]) / 2
-MODEL = full_model(TABLE, BALL)
-DIAGONAL = math.pi / 4
-AWAY = np.array([math.cos(DIAGONAL), math.sin(DIAGONAL)])  # towards the corner +x +y
-ROLL, SLIDE = "decoupled_cloth.roll", "decoupled_cloth.slide"
-
-
-def scene(white: Any, red: Any, *others: Any, pocket: Any = None, rest: Any = None, **goal: Any) -> Scene:
-    """White, red and balls named b0, b1, ..."""
-    names = ("white", "red", *(f"b{k}" for k in range(len(others))))
-    place = None if rest is None else np.array(rest, float)
-    return Scene(TABLE, BALL, names, np.array([white, red, *others], float), Goal(*names[:2], pocket, place, **goal))
-
-
-def straight(near: float = 0.5, far: float = 0.4, *others: Any, **goal: Any) -> Scene:
-    """The red `near` [m] from the corner +x +y, the white `far` behind it on the same line."""
-    red = HALF - near * AWAY
-    return scene(red - far * AWAY, red, *others, **goal)
-
-
-def ready(asked: Scene, model: Model = MODEL) -> Player:
-    return Player(model, asked, LauncherModel())
-
-
-def stroke(speed: float, azimuth: float = DIAGONAL, side: float = 0.0, height: float = 0.0) -> Array:
-    """One stroke (1, 4), the tip's offsets in radii."""
-    return np.array([[speed, azimuth, side * R, height * R]])
+from tests.support.planned_shots import (
+    AWAY,
+    BALL,
+    DIAGONAL,
+    HALF,
+    MODEL,
+    ROLL,
+    SLIDE,
+    TABLE,
+    R,
+    fitted,
+    ready,
+    scene,
+    straight,
+    stroke,
+    strokes,
+)
 
 
 def fate(asked: Scene, q: Array) -> tuple[bool, tuple[str, ...]]:
     """Whether a stroke pots, and its fouls."""
     out = ready(asked).screen(q)
     return bool(out.potted[0]), tuple(name for name, has in zip(FOULS, out.fouls[0], strict=True) if has)
-
-
-def strokes(n: int, seed: int) -> Array:
-    """Strokes anywhere, that the launcher can play."""
-    rng, launcher = np.random.default_rng(seed), LauncherModel()
-    off, turned = launcher.offset * R * np.sqrt(rng.random(n)), rng.uniform(0, 2 * np.pi, n)
-    q = np.stack([np.ones(n), rng.uniform(-np.pi, np.pi, n), off * np.cos(turned), off * np.sin(turned)], axis=1)
-    q[:, SPEED] = rng.uniform(launcher.slowest, launcher.fastest, n) * launcher.gain(q, BALL)
-    return q
 
 
 # Errors of the launcher.
@@ -324,13 +301,6 @@ def test_the_next_shot() -> None:
 
 
 # Probabilities.
-
-
-def fitted(correlation: float = 0.8, sd: float = 1.0) -> Model:
-    """A model whose slide and roll were fitted together."""
-    estimates = {SLIDE: Estimate(0.004 * sd), ROLL: Estimate(0.0004 * sd), "ball_impact.friction": Estimate(math.nan)}
-    told = {"names": [ROLL, SLIDE], "correlation": [[1.0, correlation], [correlation, 1.0]]}
-    return dataclasses.replace(MODEL, estimates=estimates, fitted=told)
 
 
 @pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.8])

@@ -22,10 +22,9 @@ from planner.launcher.execution import Execution
 from planner.planning import make_plan, read_plan
 from planner.scene import read_scene, write_scene
 from planner.search.search import Effort
-from tests.planner.test_mapped_launcher import TRUE
-from tests.planner.test_planner import BALL, HALF, MODEL, TABLE, R, scene, straight
 from tests.support.clip_samples import contents, edit
-from tests.sysid.cli.test_cli import EXAMPLE, Said, said_by
+from tests.support.commands import EXAMPLE, Said, said_by
+from tests.support.planned_shots import BALL, HALF, MODEL, TABLE, TRUE, R, scene, straight
 
 QUICK = Effort(starts=6, strokes=12, best=4, rounds=3, halved=1, plays=16, finalists=3, closely=64, fresh=128)
 RUBBISH = "[execution]\nspeed = 0.1\n"

@@ -14,7 +14,7 @@ from models.model_file import effect_class
 from models.shot import GRAVITY
 from planner.launcher.stroke import AZIMUTH, SIDE
 from planner.scene import pocket_places
-from tests.planner.test_planner import BALL, DIAGONAL, MODEL, SLIDE, TABLE, ready, scene, straight, stroke, strokes
+from tests.support.planned_shots import BALL, DIAGONAL, MODEL, SLIDE, TABLE, ready, scene, straight, stroke, strokes
 
 
 @dataclasses.dataclass(frozen=True)

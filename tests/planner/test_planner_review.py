@@ -9,8 +9,8 @@ import pytest
 
 from models.recording.plan import write_plan
 from planner.cli.verbs import main
-from tests.models.recording.test_view import column, read
-from tests.planner.test_plan_report import sample
+from tests.support.plan_samples import sample
+from tests.support.reviewed_clips import column, read
 
 
 def test_a_plan_file_is_shown_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

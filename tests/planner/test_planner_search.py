@@ -38,8 +38,8 @@ from planner.search.candidates import (
     stroke_grid,
 )
 from planner.search.search import MIN_MADE_PROBABILITY, Effort, search
-from tests.planner.test_planner import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready, scene, straight
 from tests.support.clip_samples import refusal
+from tests.support.planned_shots import AWAY, BALL, HALF, MODEL, TABLE, R, fitted, ready, scene, straight
 
 QUICK = Effort(
     starts=6, strokes=12, best=4, rounds=3, halved=1, plays=16, finalists=3, closely=64, fresh=256,
@@ -245,7 +245,7 @@ def test_a_tilted_table_is_aimed_off_for() -> None:
     )
     asked = scene([0.9, 0.2], [1.5, 0.55], pocket=(1, 1), rest=[0.2, 0.2])
     q = [search(ready(asked, model), launcher, wish, effort=QUICK)[0].evaluation.q for model in (MODEL, tilted)]
-    samples = draw_errors(tilted, launcher, 128, 98)
+    samples = draw_errors(tilted, launcher, 64, 98)
     level, aware = evaluate(ready(asked, tilted), samples, np.array(q), wish, mujoco=True)
     assert aware.value > level.value + 0.02
     assert np.median(rest_distance(asked, aware.outcomes)) < np.median(rest_distance(asked, level.outcomes))

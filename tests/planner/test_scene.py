@@ -40,31 +40,9 @@ from tests.footage.cameras import overhead
 from tests.footage.film import Look, Picture, film
 from tests.footage.motion import Motion
 from tests.support.clip_samples import refusal
+from tests.support.plan_samples import TEXT
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "sysid" / "example"
-TEXT = """format = "billiard-scene/1"
-
-[table]
-length = 3.569
-width = 1.778
-
-[ball]
-diameter = 0.0525
-mass = 0.1406
-
-[balls]
-blue = [0.0, 0.0]
-white = [-0.5, 0.2]
-red = [1.0, 0.4]
-"red 2" = [1.2, -0.5]
-
-[goal]
-cue = "white"
-object = "red"
-pocket = [1, 1]
-rest_for = "blue"
-avoid = ["red 2"]
-"""
 LENGTH, WIDTH, MASS, RED = "length = 3.569", "width = 1.778", "mass = 0.1406", "red = [1.0, 0.4]"
 CUE, OBJECT, POCKET = 'cue = "white"', 'object = "red"', "pocket = [1, 1]"
 REST, AVOID = 'rest_for = "blue"', 'avoid = ["red 2"]'

@@ -11,7 +11,7 @@ from models.errors import BadInput
 from models.presets import POOL_BALL, TABLE_SETS
 from models.shot import Ball
 from planner.scene import read_scene, write_scene
-from tests.planner.test_scene import TEXT
+from tests.support.plan_samples import TEXT
 
 
 def test_a_table_by_name_stands_for_its_pockets_and_balls(tmp_path: Path) -> None:

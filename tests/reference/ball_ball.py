@@ -112,3 +112,13 @@ def throw_angle(velocity: ArrayLike, normal: ArrayLike) -> float:
     """By how much the object ball leaves the line of centres, counter-clockwise positive [rad]."""
     n, v = _unit(normal), np.asarray(velocity, float)
     return float(np.arctan2(n[0] * v[1] - n[1] * v[0], n[:2] @ v[:2]))
+
+
+THROW = [  # cut [deg]: stun at 0.447, 1.341, 3.129 m/s; roll at the same; Alciatore's law, e = 1 [deg]
+    (5, (0.716, 0.716, 0.716), (0.381, 0.175, 0.068)),
+    (10, (1.443, 1.443, 1.443), (0.760, 0.349, 0.135)),
+    (20, (2.976, 2.976, 2.500), (1.496, 0.687, 0.265)),
+    (30, (4.715, 3.549, 1.698), (2.186, 1.004, 0.388)),
+    (45, (4.945, 2.773, 1.127), (3.091, 1.420, 0.549)),
+    (60, (4.621, 2.318, 0.895), (3.783, 1.739, 0.672)),
+]

@@ -10,15 +10,14 @@ import numpy as np
 from models.errors import BadInput
 from robot.device.launcher import Launcher
 from robot.device.link import Link
-from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, StrokeUnknown
-from robot.device.protocol import LauncherError, LauncherStopped
+from robot.device.outcome import Did, Done, StrokeUnknown
+from robot.device.protocol import LauncherError
 from robot.device.settings import Settings
 from robot.emulator.faults import FAULT_KINDS, Fault, FaultInjection
 from robot.emulator.firmware import ExecutedAction, Firmware
 from robot.emulator.line import Line, VirtualClock, WirePort
 
 BAUD = 19200
-KNOWN = (NotStruck, Refused, LauncherStopped, LauncherFault)  # errors after which nothing more can come
 
 
 @dataclass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -19,7 +18,6 @@ from planner.scene import read_scene
 from sysid.clips import read_clip_set, write_clip_set
 from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import read_camera, write_camera
-from tests.full_disk.works import film
 from tests.fuzz.verbs import SEEDS
 
 DOUBT = "edges 40 mm farther in do not fit the table's aspect"
@@ -63,15 +61,6 @@ def test_files_of_earlier_versions_tell_it_in_their_source(place: Path) -> None:
 def test_tracking_tells_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sysid.cli.main(["track", "film.avi", *SEEN, "--out", "tracked"])
     assert f"warning: {TOLD}\n" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_tracked_clips_tell_it(place: Path) -> None:
-    film(place / "films")
-    camera = Path("films/camera.toml")
-    write_camera(camera, dataclasses.replace(read_camera(camera), doubts=(DOUBT,)))
-    assert sysid.cli.main(["track", "films/one.mp4", "--camera", str(camera), "--out", "tracked"]) in (0, 1)
-    assert camera_doubts(read_clip_set("tracked")) == (DOUBT,)
 
 
 def test_clips_that_were_seen_by_it_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

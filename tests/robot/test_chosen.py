@@ -27,7 +27,7 @@ from planner.search.search import Effort
 from robot.learning.blocks import pot_count
 from robot.learning.chosen import ChosenShot, chosen_shot
 from robot.learning.history import fit_folder, predicted_stop
-from tests.robot.test_learn import shot, story
+from tests.support.series_samples import shot, story
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 MAP = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((8, 8), math.nan), Execution())

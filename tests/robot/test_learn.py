@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,68 +12,31 @@ import numpy as np
 import pytest
 
 import robot.learning.loop
-from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
+from models.analytic.cue_impulse import CONSTANT_NAMES
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import full_model, read_model
+from models.model_file import read_model
 from models.shot import Array, Ball, Session, Shot, Table, Track
 from models.simulation.simulate import simulate
 from planner.launcher.cueing_map import CueingMap
-from planner.launcher.execution import Execution
 from planner.launcher.mapped import with_map
 from planner.launcher.stroke import LauncherModel as Strokes
 from planner.launcher.stroke import stroke_terms
-from planner.scene import Goal, Scene
 from robot.cueing.map_fit import PRIOR_SD
 from robot.device.settings import Settings
 from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
-from robot.learning.emulated_rig import draw_hidden_cue
-from robot.learning.history import History, PlayedShot, Refit, fit_folder, read_history
-from robot.learning.loop import LearningConfig, begin, why_ended
+from robot.learning.history import History, fit_folder, read_history
+from robot.learning.loop import begin, why_ended
 from robot.learning.refit import MIN_STROKES, Learnt, learn_launcher, with_commands
 from sysid.cli.common import Start
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, write_clip_set
 from sysid.clips.jaws import JAW_MARGIN_M, MIN_CLIP_SAMPLES, before_jaws
-from tests.models.engine.test_jaws import into_pockets
+from tests.support.pocket_shots import into_pockets
+from tests.support.series_samples import COURSE, MAP, MODEL, RESULT, TRUE, shot, story
 
-MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
-MAP = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((8, 8), math.nan), Execution())
-COURSE = LearningConfig(MODEL, MAP, shots=8, every=4)
-SCENE = Scene(
-    SNOOKER_TABLE, SNOOKER_BALL, ("white", "red"), np.array([[0.0, 0.0], [0.5, 0.2]]),
-    Goal("white", "red", (1, 1), np.array([1.0, 0.3])),
-)  # fmt: skip
 TIMES = np.arange(0.0, 3.0, 1 / 180)
 JAWS = pockets_of(SNOOKER_TABLE, SNOOKER_BALL).jaws
-
-
-def shot(number: int, miss: float, spread: float = 0.018, every: int = 4, **change: Any) -> PlayedShot:
-    """A shot whose cue ball stopped `miss` [m] from where it was told to; nan: in a pocket."""
-    end = None if math.isnan(miss) else np.array([0.3 + miss, 0.1])
-    away = None if end is None else miss + 0.1
-    made = PlayedShot(
-        number, SCENE, (number - 1) // every * every, np.array([0.3, 0.1]), spread, 0.8, True, end, 0.018, {},
-        {"from_wanted": away}, None,
-    )  # fmt: skip
-    return dataclasses.replace(made, **change)
-
-
-def refit(shots: int, verdict: tuple[str, ...] = ("table_tilt",), **change: Any) -> Refit:
-    return dataclasses.replace(Refit(shots, verdict, "", 5e-4, 5e-4, 1.0, {}, {}, 30.0), **change)
-
-
-def story(
-    blocks: Sequence[float], every: int = 4, verdicts: Sequence[tuple[str, ...]] | None = None, ended: str = ""
-) -> History:
-    """Blocks of shots with these median misses [m], a refit after each."""
-    shots = []
-    for k, middle in enumerate(blocks):
-        around = middle * np.linspace(0.5, 1.5, every)
-        shots += [shot(k * every + j + 1, float(m), every=every) for j, m in enumerate(around)]
-    told = verdicts or [("table_tilt",)] * len(blocks)
-    refits = tuple(refit((k + 1) * every, v) for k, v in enumerate(told))
-    return History({}, tuple(shots), refits, ended)
 
 
 def test_a_series_goes_on_while_it_learns() -> None:
@@ -232,9 +194,6 @@ def test_a_balls_columns_are_cut_with_it() -> None:
     assert left.extra["quality"] == tuple(str(k) for k in range(len(left.time)))
 
 
-TRUE = draw_hidden_cue(np.random.default_rng(11))
-
-
 @cache
 def strokes(count: int = 30) -> tuple[ClipSet, tuple[dict[str, Any], ...]]:
     """The cue ball alone, struck all over it as planned with the start map; and the records of what was told."""
@@ -319,13 +278,6 @@ def test_too_few_strokes_leave_the_map_as_it_was() -> None:
     told = Learnt(MODEL, MAP, {}).launcher()
     assert list(told) == list(CONSTANT_NAMES)
     assert told["end_mass"]["value"] == MAP.constants.end_mass and math.isnan(told["end_mass"]["sd"])
-
-
-RESULT = {
-    "format": "billiard-discovery/1", "verdict": ["table_tilt"], "unexplained": None, "next_shots": [],
-    "ladder": [{"rms_m": 5e-4, "held_out_rms_m": None, "chi2_reduced": 1.0}],
-    "parameters": {"decoupled_cloth.roll": {"value": 0.0125, "sd": 1e-5, "unit": "1"}},
-}  # fmt: skip
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Ball, Table
 from planner.launcher.cueing_map import CueingMap, write_map
 from planner.launcher.execution import Execution
-from planner.search.search import Effort
 from robot.cli.learn import learn
 from robot.cli.verbs import main
 from robot.learning.emulated_rig import EmulatedRig, draw_hidden_cue, draw_hidden_table
@@ -28,16 +27,13 @@ from robot.learning.history import History, read_history
 from robot.learning.loop import LearningConfig
 from robot.learning.refit import Learnt
 from robot.learning.summary import figures, text_of
-from tests.robot.test_learn import COURSE, MAP, MODEL, RESULT, TRUE, refit, shot, story
 from tests.support.clip_samples import contents
-from tests.sysid.cli.test_cli import Said
+from tests.support.commands import Said
+from tests.support.quick_plans import QUICK
+from tests.support.series_samples import COURSE, MAP, MODEL, RESULT, STAND, TRUE, refit, shot, story
 
 Run = Callable[..., Said]
-QUICK = Effort(
-    starts=3, strokes=6, best=2, rounds=1, halved=1, plays=8, finalists=2, closely=16, fresh=64,
-)  # fmt: skip
 ENDED = ("ended.txt", "hidden.toml", "hidden_cue.json", "report.html", "story.png", "story.rrd")
-STAND = EmulatedRig(draw_hidden_table(MODEL, np.random.default_rng(3), "table_tilt"), TRUE)
 
 
 @pytest.fixture

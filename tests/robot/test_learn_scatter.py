@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 from robot.learning.loop import why_ended
-from tests.robot.test_learn import story
+from tests.support.series_samples import story
 
 
 def test_a_series_goes_on_while_the_miss_is_more_than_the_launcher_s_scatter() -> None:

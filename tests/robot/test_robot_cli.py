@@ -32,9 +32,9 @@ from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.paper import PaperFirmware
 from robot.play import played_file, read_order
 from sysid.clips import read_clip_set
-from tests.robot.test_robot_play import MODEL, OURS, straight_plan, struck
 from tests.support.clip_samples import contents
-from tests.sysid.cli.test_cli import Said, said_by
+from tests.support.commands import Said, said_by
+from tests.support.robot_plans import MODEL, OURS, straight_plan, struck
 
 Run = Callable[..., Said]
 

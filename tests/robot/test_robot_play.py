@@ -14,10 +14,8 @@ import pytest
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
 from models.model_file import Model, full_model
-from models.shot import Array, Ball, Shot, Table
+from models.shot import Array, Ball, Shot
 from models.simulation.simulate import simulate
-from planner.launcher.stroke import LauncherModel, stroke_terms
-from planner.scene import Goal, Scene, scene_dict
 from robot.device.outcome import StrokeUnknown
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, SpeedTable
@@ -27,12 +25,8 @@ from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launch
 from robot.play import Played, check_scene, play_plan, played_file, read_order
 from sysid.clips import Observation, check_clip_set, read_clip_set
 from tests.support.clip_samples import contents
+from tests.support.robot_plans import BALL, MODEL, OURS, REST, TABLE, straight_plan, struck
 
-TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-MODEL = full_model(TABLE, BALL)
-OURS = Settings()
-CORNER = np.array([TABLE.length, TABLE.width]) / 2
-REST = (1.0, 0.3)
 PLAYED_KEYS = {
     "format", "plan", "stroke", "asked", "cue_ball", "object_ball", "struck", "done", "when", "clip", "cue_end",
     "object_end", "cue_fell", "potted", "pocket", "from_wanted", "noted",
@@ -41,21 +35,6 @@ PLAYED_KEYS = {
 
 def quiet(line: str) -> None:
     """Nobody listens."""
-
-
-def straight_plan(path: Path, *, speed: float = 1.6, side: float = 0.0, height: float = -0.008, **change: Any) -> Path:
-    """A straight pot with draw into the corner +x +y, as the planner writes it; `change` goes over the launcher's."""
-    away = np.array([math.cos(math.pi / 4), math.sin(math.pi / 4)])
-    red = CORNER - 0.4 * away
-    place = np.array([red - 0.4 * away, red, [-1.0, -0.3]])
-    scene = Scene(TABLE, BALL, ("white", "red", "blue"), place, Goal("white", "red", (1, 1), np.array(REST), 0.05))
-    q = LauncherModel().playable(np.array([[speed, math.pi / 4, side, height]]), BALL)[0]
-    plan: dict[str, Any] = {
-        "format": "billiard-plan/1", "scene": scene_dict(scene), "stroke": stroke_terms(LauncherModel(), q),
-        "launcher": LauncherModel().command(MODEL, q) | change,
-    }  # fmt: skip
-    path.write_text(json.dumps(plan))
-    return path
 
 
 @pytest.fixture
@@ -76,10 +55,6 @@ def played(
     launcher, device = emulated_launcher(settings, table.hit, np.random.default_rng(1), faults=faults, say=quiet)
     with launcher:
         return play_plan(plan, launcher, table, say=quiet, **more), device
-
-
-def struck(device: Firmware) -> list[Any]:
-    return [action for action in device.actions if action.what == "struck"]
 
 
 def expected(plan: Path, table: EmulatedTable, times: Array) -> Array:

@@ -24,12 +24,11 @@ from robot.learning.watch import SeriesWatch
 from robot.play import FilmedFrames, add_clip, played_file
 from sysid.clips import ClipSet, CueCommand, Observation, read_clip_set, write_clip_set
 from sysid.vision.films import films_of
-from tests.models.recording.test_view import column, read
-from tests.robot.test_learn import COURSE, MAP
-from tests.robot.test_learn_cli import QUICK, STAND
-from tests.robot.test_story_report import series
 from tests.support.films import FILM_RATE, write_film
 from tests.support.live_feed import FileFeed
+from tests.support.quick_plans import QUICK
+from tests.support.reviewed_clips import column, read
+from tests.support.series_samples import COURSE, MAP, STAND, series
 from tests.support.story_samples import sample_story
 
 GRID = [(100, 0.0, 0.0), (100, 6.0, 4.0), (150, 0.0, -4.0)]

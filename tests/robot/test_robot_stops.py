@@ -30,7 +30,7 @@ from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.line import Line, VirtualClock, WirePort
 from robot.emulator.paper import PaperFirmware
-from tests.robot.test_robot_driver import BAUD, ready, terminal, virtual
+from tests.support.virtual_port import BAUD, ready, terminal, virtual
 
 
 def test_a_stop_from_another_program_goes_past_the_lock_and_says_what_it_interrupted(tmp_path: Path) -> None:

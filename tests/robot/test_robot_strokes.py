@@ -26,9 +26,9 @@ from robot.emulator.table import EmulatedOptions, EmulatedTable
 from robot.table.placing import PLACING_TOLERANCE_M
 from robot.table.single_ball import MAX_FILMS, PLACE_TOLERANCE_M, SingleBall, place_of
 from robot.table.strokes import TableStriker, check_strokes, measure_repeats, path_length
-from tests.robot.test_robot_play import struck
-from tests.robot.test_robot_table import Eye, at_port, by_the_words, refused, run
 from tests.support.clip_samples import contents
+from tests.support.robot_commands import Eye, at_port, by_the_words, refused, run
+from tests.support.robot_plans import struck
 
 MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 SLIDE_FRICTION = float(MODEL.parameters()["decoupled_cloth.slide"])

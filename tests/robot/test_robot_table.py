@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import io
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from functools import partialmethod
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,40 +16,25 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.shot import Array, Table
+from models.shot import Table
 from planner.scene import write_scene
 from planner.study.draws import draw_scene
-from robot.cli.verbs import main
-from robot.emulator.firmware import Firmware
-from robot.emulator.launcher import Emulator, Pace
-from robot.emulator.table import CAMERA_FPS, PLACE_SIGMA_M, EmulatedTable, emulated_launcher
+from robot.emulator.table import PLACE_SIGMA_M
 from robot.learning.history import plan_file
 from robot.learning.live_rig import LiveRig
 from robot.learning.loop import learn
 from robot.play import played_file, read_order
 from robot.table.placing import MAX_PLACING_TRIES, PLACING_TOLERANCE_M
 from sysid.clips import read_clip_set
-from sysid.vision import CueLine, write_camera
+from sysid.vision import write_camera
 from tests.robot.align_pictures import Stick, bare, camera_over, empty, picture
-from tests.robot.test_learn import COURSE, MODEL, SCENE
-from tests.robot.test_learn_cli import QUICK
-from tests.robot.test_robot_play import OURS, straight_plan, struck
 from tests.support.clip_samples import contents
-from tests.sysid.cli.test_cli import Said
+from tests.support.quick_plans import QUICK
+from tests.support.robot_commands import Eye, at_port, by_the_words, refused, run
+from tests.support.robot_plans import OURS, straight_plan
+from tests.support.series_samples import COURSE, SCENE
 
 BALL, AZIMUTH = (0.3, -0.2), 42.0  # [m], [degrees]
-LAID = re.compile(r"(\w+) ([\d.]+) cm from the ([+-])x cushion and ([\d.]+) cm from the ([+-])y cushion")
-
-
-def run(*words: str | Path | float) -> Said:
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = main([str(w) for w in words])
-    return Said(status, out.getvalue(), err.getvalue())
-
-
-def refused(said: Said, verb: str, part: str) -> None:
-    assert said.status == 2 and re.fullmatch(rf"robot {verb}: .*{re.escape(part)}.*\n", said.err), said
 
 
 @pytest.fixture(scope="module")
@@ -107,55 +90,6 @@ def test_align_refuses_what_it_cannot_use(filmed: Any, tmp_path: Path) -> None:
         refused(run("align", *words), "align", part)
 
 
-class Eye:
-    """A camera over an emulated table; notes what it is asked for, and how many strokes had been made by then."""
-
-    fps, sigma, seen_with, filmed, doubts = CAMERA_FPS, PLACE_SIGMA_M, "camera", None, ()
-
-    def __init__(self, plan: Path) -> None:
-        scene = read_order(plan, OURS).scene
-        self.plan, self.table, self.ball = plan, scene.table, scene.ball
-        self.devices, self.asked, self.said = list[Firmware](), list[tuple[str, int]](), list[str]()
-        self.off, self.blind = 0.0, False  # of the cue from its azimuth [rad]; films nothing
-        self.put(dict(zip(scene.names, scene.position, strict=True)))
-
-    def put(self, laid: Mapping[str, Any]) -> None:
-        self.empty = not laid
-        self.now = EmulatedTable(MODEL, laid or {"white": (0.0, 0.0)}, 0.0, len(self.asked))
-
-    def note(self, what: str) -> None:
-        self.asked.append((what, self.strokes))
-
-    @property
-    def strokes(self) -> int:
-        return sum(len(struck(device)) for device in self.devices)
-
-    def look(self) -> Mapping[str, Array]:
-        if self.empty:
-            raise BadInput("the camera's picture: no ball is seen")
-        return self.now.look()
-
-    arm, pictures = partialmethod(note, "armed"), staticmethod(tuple)
-
-    def film(self) -> Mapping[str, Any]:
-        self.note("filmed")
-        return {} if self.blind else self.now.film()
-
-    def align(self, frames: Any, camera: Any, wanted: float, ball_xy: Array | None = None, **rest: Any) -> CueLine:
-        """In place of the operator: the stand is turned."""
-        assert camera == "camera"
-        assert ball_xy is None or ball_xy == pytest.approx(self.look()["white"], abs=1e-3), "told where the ball lies"
-        self.note(f"aligned to {math.degrees(wanted):.2f}{', ball told' * (ball_xy is not None)}")
-        self.now.turn_to(wanted)
-        return CueLine(wanted + self.off, 1e-4, 0.0, 1.0)
-
-    def connect(self) -> Any:
-        rng = np.random.default_rng(len(self.devices))
-        launcher, device = emulated_launcher(OURS, self.now.hit, rng, say=str)
-        self.devices.append(device)
-        return launcher
-
-
 @pytest.fixture
 def eye(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Eye:
     """Over the balls of a plan; whoever is asked says yes."""
@@ -171,16 +105,6 @@ def eye(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Eye:
 def options(eye: Eye) -> Iterator[tuple[str, ...]]:
     with at_port(eye, 20.0, 19200) as words:
         yield words
-
-
-@contextlib.contextmanager
-def at_port(eye: Eye, pace: float, baud: int) -> Iterator[tuple[str, ...]]:
-    """The options of a launcher behind a pseudo-terminal that strikes the balls under a camera."""
-    clock = Pace(pace)
-    device = Firmware(clock.now, np.random.default_rng(0), pace=clock.factor, on_strike=lambda *how: eye.now.hit(*how))
-    eye.devices.append(device)
-    with Emulator(eye.devices[0], baud=baud) as emulator:
-        yield "--port", emulator.path, "--camera", "cam.toml", "--video", "0"
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, eye: Eye, word: str | None) -> None:
@@ -276,13 +200,6 @@ def stand_of(eye: Eye, ready: Callable[[str], Any], confirm: Callable[[str], Any
     """A table where everything asked is done, but for an answer False."""
     asked = (lambda what: confirm(what) is not False, lambda what: ready(what) is not False)
     return dataclasses.replace(LiveRig(eye, OURS, eye.connect, *asked, eye.said.append), **change)
-
-
-def by_the_words(text: str) -> dict[str, Array]:
-    """Balls laid by somebody who knows nothing but what was said."""
-    half = np.array([MODEL.table.length, MODEL.table.width]) / 2
-    signed = ((name, np.array([float(sx + x), float(sy + y)])) for name, x, sx, y, sy in LAID.findall(text))
-    return {name: np.copysign(half, cm) - 1e-2 * cm for name, cm in signed}
 
 
 def test_balls_are_asked_for_until_they_are_seen_in_their_places(eye: Eye) -> None:

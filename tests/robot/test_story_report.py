@@ -7,19 +7,19 @@ import math
 import re
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
 
-from models.errors import BadInput
 from models.recording.story import STORY_CURVES, SeriesRecording, SeriesShot, write_story
 from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import History, Refit
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report
-from tests.models.recording.test_view import column, read, seconds
 from tests.support.html_pages import STRANGE, Page
+from tests.support.outputs import check_bad_places, check_page, check_recording
+from tests.support.reviewed_clips import column, read, seconds
+from tests.support.series_samples import series
 from tests.support.story_samples import FAR, FELL, FOUND, NEAR, NO_FILM, UNSEEN, long_story, sample_story
 
 EMPTY = History({"every": 10}, (), (), "")
@@ -43,16 +43,6 @@ def rows_of(page: str, which: int) -> list[list[str]]:
     """Cells of a table of the page."""
     table = re.findall(r"<tbody>(.*?)</tbody>", page, re.DOTALL)[which]
     return [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>(.*?)</tr>", table)]
-
-
-def series(batches: list[Any], name: str) -> dict[int, list[Any]]:
-    """Rows of a column by shot."""
-    found: dict[int, list[Any]] = {}
-    for batch in batches:
-        for label in (label for label in batch.schema.names if label.endswith(name)):
-            for shot, row in zip(batch["shot"].to_pylist(), batch[label].to_pylist(), strict=True):
-                found.setdefault(shot, []).append(row)
-    return found
 
 
 @pytest.mark.parametrize(("count", "every"), ((0, 10), (1, 10), (9, 10), (10, 10), (14, 10), (15, 10), (60, 7)))
@@ -116,19 +106,9 @@ def test_a_series_that_gets_worse_is_told_so() -> None:
 
 
 def test_the_page_is_whole_and_needs_nothing_else(page: str) -> None:
-    found = Page(page)
-    assert found.open == []
-    assert not {tag for tag, _ in found.seen} & {"script", "link", "iframe"}
-    assert "http" not in re.sub(r"base64,[^\"]+", "", page)
-    assert len(found.pictures()) == 4
+    words = " ".join(check_page(page, 4).words)
     assert page.count('media="screen and (max-width:560px)"') == 1, "the error falling, whole on a phone"
-    for picture in found.pictures():
-        assert ElementTree.fromstring(picture).tag.endswith("svg")
-        assert not re.search(r"href=\"http", picture)
-    words = " ".join(found.words)
-    for line in sentences(sample_story()):
-        assert line in words
-    assert len(page) < 1_000_000
+    assert all(line in words for line in sentences(sample_story()))
 
 
 def test_pictures_tell_medians_effects_and_constants(page: str) -> None:
@@ -293,20 +273,13 @@ def test_the_recording_holds_curves_and_refits(recorded: dict[str, list[Any]]) -
 
 
 def test_views_of_the_recording(tmp_path: Path) -> None:
-    from rerun.chunk import RrdReader
-
-    for name, title in (("a", "one"), ("b", "one"), ("c", "other")):
-        write_recording(tmp_path / name, sample_story(), title)
-    readers = [RrdReader(tmp_path / name) for name in "abc"]
-    ids = [reader.recordings()[0].recording_id for reader in readers]
-    assert ids[0] == ids[1] != ids[2]
-    (blueprint,) = readers[0].blueprints()
-    batches = [chunk.to_record_batch() for chunk in readers[0].stream(store=blueprint).to_chunks()]
-    names = {row[0] for row in column(batches, "ViewBlueprint:display_name")}
-    assert {"The shot from above", "Shots, and what refits found", "This shot", "How to read this"} <= names
-    assert any("Miss of the cue ball" in name for name in names)
-    timelines = {name for chunk in readers[0].stream().to_chunks() for name in chunk.timeline_names}
-    assert timelines == {"shot", "shot_time"}
+    views = {
+        "The shot from above", "Shots, and what refits found", "This shot", "How to read this",
+        "Miss of the cue ball over the shots [mm]",
+    }  # fmt: skip
+    check_recording(
+        tmp_path, lambda path, title: write_recording(path, sample_story(), title), views, {"shot", "shot_time"}
+    )
 
 
 def test_a_recording_is_plain_values() -> None:
@@ -324,13 +297,7 @@ def test_arrays_that_do_not_fit_are_named(tmp_path: Path) -> None:
 
 
 def test_a_bad_place_is_named_and_nothing_is_left(tmp_path: Path) -> None:
-    for place in (tmp_path / "nowhere" / "x", tmp_path):
-        for write in (
-            lambda at: write_report(at, EMPTY, "t"),
-            lambda at: write_picture(at, EMPTY),
-            lambda at: write_recording(at, EMPTY),
-        ):
-            with pytest.raises(BadInput, match=re.escape(str(place))) as error:
-                write(place)
-            assert "\n" not in str(error.value)
-    assert list(tmp_path.iterdir()) == []
+    check_bad_places(
+        tmp_path, lambda at: write_report(at, EMPTY, "t"), lambda at: write_picture(at, EMPTY),
+        lambda at: write_recording(at, EMPTY),
+    )  # fmt: skip

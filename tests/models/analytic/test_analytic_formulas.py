@@ -22,7 +22,7 @@ from models.analytic.cueing import (
     swerve,
 )
 from models.shot import Ball
-from tests.reference.ball_ball import SpeedFriction, collide_balls, frictional, no_spin, throw_angle
+from tests.reference.ball_ball import THROW, SpeedFriction, collide_balls, frictional, no_spin, throw_angle
 from tests.reference.cushion import TwoPiece, collide_cushion, han_restitution, rolling_rebound
 
 Array = NDArray[np.float64]
@@ -77,14 +77,6 @@ def test_without_friction_a_ball_runs_back_to_where_it_came_from() -> None:
     assert back[0] == pytest.approx([0.1, 0.2], abs=1e-15)
 
 
-THROW = [  # cut [deg]: stun at 0.447, 1.341, 3.129 m/s; roll at the same; Alciatore's law, e = 1 [deg]
-    (5, (0.716, 0.716, 0.716), (0.381, 0.175, 0.068)),
-    (10, (1.443, 1.443, 1.443), (0.760, 0.349, 0.135)),
-    (20, (2.976, 2.976, 2.500), (1.496, 0.687, 0.265)),
-    (30, (4.715, 3.549, 1.698), (2.186, 1.004, 0.388)),
-    (45, (4.945, 2.773, 1.127), (3.091, 1.420, 0.549)),
-    (60, (4.621, 2.318, 0.895), (3.783, 1.739, 0.672)),
-]
 THROW_CLOTH = {5: (0.757, 0.235), 10: (1.525, 0.468), 20: (2.862, 0.930), 30: (2.862, 1.374), 60: (2.862, 2.460)}
 
 

@@ -8,7 +8,7 @@ import pytest
 from models.analytic.compliant import MIN_COMPLIANCE
 from models.analytic.impulse import collide
 from models.shot import Array
-from tests.models.analytic.test_analytic_impulse import CUSHION, MASS, MIRROR, RADIUS, energy, random_states
+from tests.support.impacts import CUSHION, MASS, MIRROR, RADIUS, energy, random_states
 from tests.truth.impact import springs
 
 SCALE = np.array([1, 1, RADIUS, RADIUS, RADIUS])

@@ -7,7 +7,7 @@ import pytest
 
 from models.analytic.impulse import collide
 from models.shot import Array
-from tests.models.analytic.test_analytic_impulse import CUSHION, MASS, RADIUS, approaching, energy, random_states
+from tests.support.impacts import CUSHION, MASS, RADIUS, approaching, energy, random_states
 from tests.truth.impact import NOSE, impact, springs
 
 SCALE = np.array([1, 1, RADIUS, RADIUS, RADIUS])

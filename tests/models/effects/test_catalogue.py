@@ -6,36 +6,17 @@ import numpy as np
 import pytest
 
 from models.model_file import effect_class, full_model
-from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
+from tests.support.effect_shots import BALL, BASE, TABLE, shots
 from tests.truth import physics
 from tests.truth.cloth import Constants
 
-BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778, pockets=False)
-BASE = {
-    "decoupled_cloth.slide": 0.212, "decoupled_cloth.roll": 0.0127, "decoupled_cloth.spin": 22.0,
-    "ball_impact.restitution": 0.92, "ball_impact.friction": 0.05, "cushion_impact.restitution": 0.90,
-    "cushion_impact.friction": 0.14,
-}  # fmt: skip
 CASES = [
     ("table_tilt", {"slope_x": 0.0007, "slope_y": -0.0016}, {"tilt_x": 0.0007, "tilt_y": -0.0016}),
     ("air_drag", {"rate": 0.02}, {"drag2": 0.02}),
     ("speed_drag", {"rate": 0.035}, {"drag1": 0.035}),
     ("cushion_restitution_speed", {"rate": 0.09}, {"ec_v": 0.09}),
 ]
-
-
-def shots(count: int) -> list[Shot]:
-    """A ball with spin, every other one at a ball ahead of it, for three seconds."""
-    rng, found = np.random.default_rng(8), []
-    for k in range(count):
-        heading, n = rng.uniform(-np.pi, np.pi), 1 + k % 2
-        way = np.array([np.cos(heading), np.sin(heading)])
-        places = np.array([-0.3 * way, 0.1 * way + 0.02 * np.array([-way[1], way[0]])])[:n]
-        v, w = np.zeros((n, 2)), np.zeros((n, 3))
-        v[0], w[0] = rng.uniform(0.8, 2.0) * way, rng.normal(0, 25, 3)
-        found.append(Shot(("white", "red")[:n], places, v, w, np.linspace(0, 3, 16)))
-    return found
 
 
 @pytest.mark.parametrize(("name", "values", "hidden"), CASES, ids=[c[0] for c in CASES])

@@ -24,7 +24,7 @@ from sysid.estimation.segment_problem import segment_problem
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.solver.joint_fit import fit_joint
 from sysid.estimation.solver.least_squares import fit_each
-from tests.sysid.estimation.test_fit import changed, make, truth_of
+from tests.support.hidden_truth import changed, make, truth_of
 from tests.truth.camera import image
 from tests.truth.cloth import Constants
 from tests.truth.physics import Cue, strike

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from models.model_file import Model, effect_class, full_model
-from models.shot import Array, Shot, Table, Track
+from models.shot import Shot, Table
 from models.simulation.simulate import simulate
-from tests.models.effects.test_catalogue import BALL, BASE, TABLE, shots
-from tests.truth import physics
-from tests.truth.cloth import Constants
+from tests.support.effect_shots import BALL, BASE, TABLE, apart, shots, truth
 
 CASES = [
     ("cloth_nap", {"push": 0.03}, {"nap": 0.03 / (0.0127 * 9.81)}),
@@ -53,21 +51,6 @@ def base() -> Model:
 def model(name: str, values: dict[str, float]) -> Model:
     """The base with one more effect."""
     return base().add(effect_class(name)(**values))
-
-
-def truth(shot: Shot, hidden: dict[str, float]) -> Array:
-    """Where the independent program sees the balls: (n, nball, 2) [m]."""
-    starts = {
-        n: physics.Start(tuple(p), tuple(v), tuple(w))
-        for n, p, v, w in zip(shot.names, shot.position, shot.velocity, shot.spin, strict=True)
-    }
-    table = physics.Table(TABLE.length, TABLE.width, False)
-    return physics.simulate(table, Constants(**hidden), starts, shot.times, increments=20_000).xy
-
-
-def apart(a: list[Track], b: list[Track]) -> Array:
-    """The largest distance along an axis in every shot [m]."""
-    return np.array([np.abs(x.position - y.position).max() for x, y in zip(a, b, strict=True)])
 
 
 @pytest.mark.parametrize(("name", "values", "hidden"), CASES, ids=[f"{c[0]}-{k}" for k, c in enumerate(CASES)])

@@ -8,8 +8,7 @@ import pytest
 from models.model_file import effect_class, full_model
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Shot
 from models.simulation.simulate import simulate
-from tests.models.effects.test_catalogue import BALL, BASE, TABLE
-from tests.models.effects.test_catalogue_cloth import apart, truth
+from tests.support.effect_shots import BALL, BASE, TABLE, apart, truth
 from tests.truth import physics
 from tests.truth.cloth import Constants
 

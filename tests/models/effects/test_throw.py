@@ -12,7 +12,7 @@ from models.model_file import effect_class, full_model
 from models.presets import POOL_BALL
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
-from tests.models.analytic.test_analytic_formulas import THROW
+from tests.reference.ball_ball import THROW
 
 SPEEDS = (0.447, 1.341, 3.129)  # 1, 3 and 7 mph
 CUTS = (30, 45)

@@ -12,12 +12,10 @@ from models.analytic.pocket import JAW_RAILS, pockets_of
 from models.engine.impacts import ask_rows, part
 from models.engine.play import finish, play
 from models.model_file import Model, effect_class, full_model
-from models.shot import UNKNOWN_SESSION, Ball, Shot, Table, Track
+from models.shot import UNKNOWN_SESSION, Shot, Track
 from models.simulation.simulate import simulate
+from tests.support.pocket_shots import BALL, HALF, TABLE, R, into_pockets
 
-BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)
-R = BALL.radius
-HALF = np.array([TABLE.length, TABLE.width]) / 2
 POCKETS = pockets_of(TABLE, BALL)
 
 
@@ -26,22 +24,6 @@ def model(effect: str = "", engine: str = "mujoco") -> Model:
     values = {"ball_impact.restitution": 0.89, "cushion_impact.restitution": 0.98}
     base = dataclasses.replace(full_model(TABLE, BALL).with_values(values), engine=engine)
     return base.add(effect_class(effect)()) if effect else base
-
-
-def into_pockets(n: int, seed: int, balls: int) -> list[Shot]:
-    """Balls on their way to all pockets and their jaws, of their own or sent by one that comes from behind."""
-    noise, made = np.random.default_rng(seed), []
-    for k in range(n):
-        sides = np.array([(1, 1), (0, 1), (-1, 1), (1, -1), (0, -1), (-1, -1)][k % 6])
-        angle = np.arctan2(sides[1], sides[0]) + noise.uniform(-0.5, 0.5)
-        u = np.array([np.cos(angle), np.sin(angle)])
-        p = HALF * sides - noise.uniform(0.35, 0.6) * u + noise.uniform(-0.06, 0.06) * np.array([-u[1], u[0]])
-        p = np.clip(p, 0.03 - HALF, HALF - 0.03)
-        v, w, position = np.zeros((balls, 2)), np.zeros((balls, 3)), p - np.arange(balls)[::-1, None] * 0.2 * u
-        v[0] = noise.uniform(0.6, 3.0) * u
-        w[0] = [-v[0, 1] / R, v[0, 0] / R, noise.uniform(-30, 30)]
-        made.append(Shot(tuple("ab"[:balls]), position, v, w, np.linspace(0, 3, 31)))
-    return made
 
 
 def fates(track: Track) -> list[tuple[str, tuple[str, ...], str]]:

@@ -11,7 +11,6 @@ from models.simulation.simulate import simulate
 
 TABLE, BALL = Table(2.84, 1.42, False), Ball(0.0615, 0.21)
 LIMIT = float(TABLE.centre_limits(BALL)[0])
-MAX_APART_M = 1e-3  # what is left of steps of a millisecond while a ball rubs, after it has rolled for seconds [m]
 ROUGH = {  # constants, effects, and velocity [m/s] and spin [rad/s] of a ball at a gap [m]
     "strong cloth": (
         {"decoupled_cloth.slide": 0.6, "cushion_impact.restitution": 0.8, "cushion_impact.friction": 0.0},

@@ -21,56 +21,9 @@ from models.recording import shots as view
 from models.recording.clips import Review
 from models.recording.shots import write_review
 from models.recording.table import pocket_discs
-from models.shot import Array, Ball, Event, Table, Track
-
-TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-OFFSET = np.array([0.003, -0.004])  # modelled - measured: 5 mm
-
-
-def clip(name: str, *, duration: float = 2.0, fps: float = 60.0, balls: tuple[str, ...] = ("cue", "red")) -> Review:
-    """Balls that slow down along +x, and a model that is OFFSET away and sampled at other times."""
-    seen, modelled = np.arange(0.0, duration, 1 / fps), np.linspace(0.0, duration, 500)
-
-    def path(times: Array, ball: int) -> Array:
-        return np.column_stack([-1.0 + 0.9 * times - 0.1 * times**2, np.full(times.size, 0.03 * ball)])
-
-    position = np.stack([path(modelled, k) + OFFSET for k in range(len(balls))], axis=1)
-    velocity = np.zeros_like(position)
-    velocity[..., 0] = (0.9 - 0.2 * modelled)[:, None]
-    spin, theta = np.zeros((*position.shape[:2], 3)), np.zeros(position.shape[:2])
-    events = (Event(1.0, "cushion", ("cue",), "+x"), Event(0.5, "ball", balls[:2]))
-    track = Track(balls, modelled, position, velocity, spin, theta, events)
-    return Review(
-        name, {ball: (seen, path(seen, k)) for k, ball in enumerate(balls)}, {"found": track}, note=f"note of {name}"
-    )
-
-
-def read(path: Path) -> dict[str, list[Any]]:
-    """Entity path -> its chunks, as record batches."""
-    from rerun.chunk import RrdReader
-
-    found: dict[str, list[Any]] = {}
-    for chunk in RrdReader(path).stream().to_chunks():
-        found.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
-    return found
-
-
-def column(batches: list[Any], name: str) -> list[Any]:
-    """The rows of the column whose name ends so, in the order of `shot_time` within a batch."""
-    rows = []
-    for batch in batches:
-        rows += [row for label in batch.schema.names if label.endswith(name) for row in batch[label].to_pylist()]
-    return rows
-
-
-def seconds(batches: list[Any]) -> list[float]:
-    times = [
-        row
-        for batch in batches
-        if "shot_time" in batch.schema.names
-        for row in batch["shot_time"].cast("int64").to_pylist()
-    ]
-    return [1e-9 * nanoseconds for nanoseconds in times]
+from models.shot import Table, Track
+from tests.support.outputs import check_recording
+from tests.support.reviewed_clips import BALL, OFFSET, TABLE, clip, column, read, seconds
 
 
 @pytest.fixture(scope="module")
@@ -99,13 +52,6 @@ def test_clips_follow_one_another_from_whole_seconds(written: tuple[Path, dict[s
     assert sorted(seconds(written[1]["/text/clip"])) == pytest.approx([0.0, 3.0, 6.0])
     times = np.array(seconds(written[1]["/error/x/cue"]))
     assert (times.min(), times.max()) == (0.0, pytest.approx(3.0 + 119 / 60 + 1e-3))
-
-
-def test_only_the_two_timelines(written: tuple[Path, dict[str, list[Any]]]) -> None:
-    from rerun.chunk import RrdReader
-
-    timelines = {name for chunk in RrdReader(written[0]).stream().to_chunks() for name in chunk.timeline_names}
-    assert timelines == {"shot_time", "clip"}
 
 
 def test_table_frame_and_disappearance(written: tuple[Path, dict[str, list[Any]]]) -> None:
@@ -142,20 +88,6 @@ def test_words_name_clips_and_errors(written: tuple[Path, dict[str, list[Any]]])
     guide = column(written[1]["/text/guide"], "TextDocument:text")[0][0]
     assert "measured" in guide
     assert "Cyan" in guide
-
-
-def test_blueprint_is_inside(written: tuple[Path, dict[str, list[Any]]]) -> None:
-    from rerun.chunk import RrdReader
-
-    reader = RrdReader(written[0])
-    assert len(reader.recordings()) == 1
-    (blueprint,) = reader.blueprints()
-    names = {
-        row[0]
-        for chunk in reader.stream(store=blueprint).to_chunks()
-        for row in column([chunk.to_record_batch()], "ViewBlueprint:display_name")
-    }
-    assert {"Table from above", "Table in 3-D", "This clip", "How to read this"} <= names
 
 
 def test_up_on_the_picture_is_plus_y(written: tuple[Path, dict[str, list[Any]]]) -> None:
@@ -282,12 +214,11 @@ def test_a_ball_at_rest_is_written_once(tmp_path: Path) -> None:
 
 
 def test_the_same_review_is_the_same_recording(tmp_path: Path) -> None:
-    from rerun.chunk import RrdReader
-
-    for name, title in (("a", "one"), ("b", "one"), ("c", "other")):
-        write_review(tmp_path / name, TABLE, BALL, [clip("x")], title=title)
-    ids = [RrdReader(tmp_path / name).recordings()[0].recording_id for name in "abc"]
-    assert ids[0] == ids[1] != ids[2]
+    views = {"Table from above", "Table in 3-D", "This clip", "How to read this"}
+    check_recording(
+        tmp_path, lambda path, title: write_review(path, TABLE, BALL, [clip("x")], title=title), views,
+        {"shot_time", "clip"},
+    )  # fmt: skip
     one, other, third = (content(tmp_path / name) for name in "abc")
     assert one == other != third
     assert any(rows > 100 for _, rows, _ in one), "the paths of balls"

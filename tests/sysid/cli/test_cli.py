@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
-import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,36 +15,16 @@ import pytest
 from models.model_file import catalogue, full_model, read_model, write_model
 from models.shot import Ball, Table
 from sysid.cli import main
+from tests.bench.accuracy import CONSTANTS
 from tests.figures.pages import read_figures
 from tests.figures.sources import demo as figures_of_demo
 from tests.figures.sources import unlike
 from tests.support.clip_samples import contents, edit, make
-from tests.sysid.estimation.test_fit import CONSTANTS
+from tests.support.commands import EXAMPLE, ROOT, Said, one_line, said_by
 from tests.truth.__main__ import main as make_truth
 
-ROOT = Path(__file__).resolve().parents[3]
-EXAMPLE = ROOT / "sysid" / "example"
 TRUTH = EXAMPLE.parent / "example.truth.json"
 NOISE = 5e-4  # of the example's tracker, per axis [m]
-
-
-@dataclass(frozen=True)
-class Said:
-    """What a command left on the terminal."""
-
-    status: int
-    out: str
-    err: str
-
-
-def said_by(
-    command: Callable[[Sequence[str]], int], words: Sequence[object], capsys: pytest.CaptureFixture[str]
-) -> Said:  # fmt: skip
-    """What a command says to words of a command line."""
-    capsys.readouterr()
-    status = command([str(w) for w in words])
-    out, err = capsys.readouterr()
-    return Said(status, out, err)
 
 
 @pytest.fixture
@@ -78,14 +55,6 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     kinds = "stun,side,spin,cushion,cut"
     assert make_truth([str(folder), "--seed", "8", "--clips", "7", "--seconds", "1.2", "--kind", kinds]) == 0
     return folder
-
-
-def one_line(said: Said) -> str:
-    """The error of a refused command: one line, the verb first, no traceback; after progress on a busy machine."""
-    assert said.status == 2
-    [line] = [line for line in said.err.splitlines() if not re.match(r" *\d+ s  ", line)]
-    assert line.startswith("sysid ") and line.isprintable() and "Traceback" not in said.out
-    return line
 
 
 @pytest.mark.parametrize(

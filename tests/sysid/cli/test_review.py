@@ -21,7 +21,7 @@ from planner.cli.verbs import main as planner
 from robot.cli.verbs import main as robot
 from sysid.cli import main as sysid
 from sysid.cli.viewing import Live
-from tests.models.recording.test_view import BALL, TABLE, clip
+from tests.support.reviewed_clips import BALL, TABLE, clip
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from models.presets import TABLE_SETS
 from sysid.cli.calibrate import TableSize
 from sysid.cli.tables import TableOptions, table_set
 from sysid.vision.camera.projection import read_camera, write_camera
-from tests.sysid.vision.test_calibrate import over_table
+from tests.support.table_views import over_table
 
 
 @pytest.mark.parametrize("name", TABLE_SETS)

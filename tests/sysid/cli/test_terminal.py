@@ -16,7 +16,7 @@ from models.model_file import full_model, write_model
 from models.shot import Ball, Table
 from sysid.cli import main
 from tests.support.clip_samples import make
-from tests.sysid.cli.test_cli import ROOT, one_line, said_by
+from tests.support.commands import ROOT, one_line, said_by
 from tests.truth.__main__ import main as make_truth
 
 

@@ -17,7 +17,7 @@ from sysid.clips.noise import position_noise
 from sysid.clips.slow_noise import SlowNoise, slow_noise
 from sysid.report.text import summary_lines
 from sysid.residuals.compare import compare
-from tests.sysid.estimation.test_fit import truth_of
+from tests.support.hidden_truth import truth_of
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import NATURAL
 

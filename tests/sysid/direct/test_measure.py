@@ -317,6 +317,7 @@ def test_the_shipped_example() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_real_match(data_folder: Path) -> None:
     """Three-cushion shots at 50 frames a second: deceleration that grows with speed, as free fits of segments show."""
     found = named(measure(read_clip_set(data_folder / "carom-match")))

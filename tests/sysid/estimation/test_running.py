@@ -17,8 +17,9 @@ from sysid.estimation.initial_states import fit_states
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.residuals.compare import compare
 from sysid.selection.discover import discover
+from tests.bench.accuracy import CONSTANTS
+from tests.support.hidden_truth import make, miss
 from tests.support.running_clips import cut_in_motion, written_running
-from tests.sysid.estimation.test_fit import CONSTANTS, make, miss
 from tests.truth.__main__ import main as generate
 
 KINDS = "stun,draw,side,swerve,cushion,cushion_side,cut,cut_side"

@@ -27,7 +27,7 @@ from tests.support.foreign_files import (
     write_foreign,
 )
 from tests.support.running_clips import cut_in_motion
-from tests.sysid.vision.test_calibrate import over_table
+from tests.support.table_views import over_table
 from tests.truth.__main__ import main as generate
 
 TABLE = ("--table", "3.569x1.778", "--ball-diameter", "0.0525")

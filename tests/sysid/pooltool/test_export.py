@@ -19,7 +19,7 @@ from sysid.pooltool.document import read_systems
 from sysid.pooltool.export import export_pooltool, nearest_laws
 from sysid.pooltool.laws import laws_of, with_effect
 from tests.bench.pooltool_judge import Judge, apart, judge_python
-from tests.sysid.cli.test_cli import Said
+from tests.support.commands import Said
 
 POOL = TABLE_SETS["pool 7 ft"]
 MODEL = full_model(POOL.table, POOL.ball)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from sysid.report.recording import write_rrd
 from sysid.residuals.comparison import Comparison
-from tests.models.recording.test_view import column, read
 from tests.support.comparison_samples import comparison
+from tests.support.reviewed_clips import column, read
 
 
 def with_misses(one: Comparison, misses: dict[int, float]) -> Comparison:

@@ -16,7 +16,7 @@ from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.report.text import in_words, print_comparison
 from sysid.residuals.compare import compare
 from sysid.residuals.comparison import Comparison, Group
-from tests.sysid.estimation.test_fit import truth_of
+from tests.support.hidden_truth import truth_of
 from tests.truth.__main__ import main as make_truth
 
 KINDS = "stun,side,roll,cushion,cushion_side,cut"

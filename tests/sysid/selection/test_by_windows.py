@@ -132,6 +132,7 @@ def test_a_step_has_its_place_and_two_quantities_share_it(data_folder: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_drift_over_the_clips_is_found(data_folder: Path) -> None:
     """Of another program: rolling friction grows by 1.2 % of its first value from clip to clip."""
     _, found, known = found_beyond(data_folder, "set-43")
@@ -143,6 +144,7 @@ def test_a_drift_over_the_clips_is_found(data_folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_law_of_the_angle_at_cushions_is_found_in_windows(data_folder: Path) -> None:
     """Of another program: no effect of the catalogue comes near, so none is named beside the formula."""
     clip_set, found, _ = found_beyond(data_folder, "set-42")

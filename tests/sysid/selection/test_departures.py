@@ -56,6 +56,7 @@ def test_a_departure_says_after_what() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_balls_that_cling_now_and_then_are_located(tmp_path: Path) -> None:
     """By chance, in some collisions: no effect or formula says in which, and no clip departs alone."""
     words = ("--seed", "71", "--clips", "12", "--sigma", "0.0005", "--missing", "0.01", "--seconds", "4")
@@ -69,11 +70,12 @@ def test_balls_that_cling_now_and_then_are_located(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("row", "trained"), [(5, 11), (4, 12)])  # in training, and held out
+@pytest.mark.parametrize(
+    ("row", "trained"), [(5, 11), pytest.param(4, 12, marks=pytest.mark.thorough)], ids=["in training", "held out"]
+)
 def test_a_clip_with_a_wrong_clock_is_named_and_no_effect_is(tmp_path: Path, row: int, trained: int) -> None:
-    assert (
-        generate([str(tmp_path / "set"), "--seed", "51", "--clips", "15", "--sigma", "0.0005", "--seconds", "3"]) == 0
-    )
+    enough = ("--seed", "51", "--clips", "15", "--sigma", "0.0005", "--seconds", "3")  # of ten a worn patch is named
+    assert generate([str(tmp_path / "set"), *enough]) == 0
     clip_set = read_clip_set(tmp_path / "set")
 
     def slowed(clip: Clip) -> Clip:

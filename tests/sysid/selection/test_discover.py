@@ -57,10 +57,13 @@ HIDDEN: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     ("nose_height_px", ("--effect", "nose_height_px=-0.1", "--kind", "cushion,cushion_side,roll", "--clips", "12"),
      {"change": "nose_px"}),
 ]  # fmt: skip
+SAMPLED = ("clock_scale", "cushion_restitution_my")  # the others are hidden elsewhere here too, but for the last
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "words", "keys"), HIDDEN, ids=[h[0] for h in HIDDEN])
+@pytest.mark.parametrize(("name", "words", "keys"), [
+    pytest.param(*one, id=one[0], marks=[pytest.mark.thorough] * (one[0] not in SAMPLED)) for one in HIDDEN
+])  # fmt: skip
 def test_a_hidden_effect_is_named_and_measured(
     tmp_path: Path, name: str, words: tuple[str, ...], keys: dict[str, str]
 ) -> None:
@@ -123,7 +126,7 @@ def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
 )
 def test_an_effect_that_hides_from_its_derivative_is_found(tmp_path: Path, seed: str, constant: str, name: str) -> None:
     """The fit without it is in a false optimum; or it grows with the square of its parameter."""
-    made = ("--seed", seed, "--clips", "12", "--seconds", "4", "--missing", "0.01", "--constant", constant)
+    made = ("--seed", seed, "--clips", "8", "--seconds", "3", "--missing", "0.01", "--constant", constant)
     assert generate([str(tmp_path / "set"), *made]) == 0
     _, found = found_in(tmp_path / "set")
     assert found.verdict == (name.split(".")[0],) and found.unexplained is None
@@ -139,6 +142,10 @@ def test_two_effects_with_outliers_and_missing_frames(tmp_path: Path) -> None:
     assert set(found.verdict) == {"speed_drag", "cushion_restitution_speed"}
     rms = [s.rms for s in found.ladder]
     assert rms[0] > 2.5 * rms[-1] and rms[-1] < 1.05 * 0.0005
+    truth = truth_of(folder)
+    for name, constant in (("speed_drag.rate", "drag1"), ("cushion_restitution_speed.rate", "ec_v")):
+        value, sd = found.last.value(name)
+        assert value == pytest.approx(truth[constant], rel=0.1) and abs(value - truth[constant]) < 5 * sd
 
 
 @pytest.mark.slow
@@ -204,7 +211,7 @@ def test_an_interrupted_discovery_goes_on(
     one, two = (json.loads((out / "result.json").read_text()) for out in (whole, parted))
     assert one.pop("elapsed_s") > 0
     assert two.pop("elapsed_s") > 0
-    assert one == two
+    assert one == two and one["verdict"] == ["lens_distortion"]
     assert (whole / "model.toml").read_bytes() == (parted / "model.toml").read_bytes()
     model = read_model(whole / "model.toml")
     assert model.fitted["converged"]

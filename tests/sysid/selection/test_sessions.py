@@ -22,3 +22,4 @@ def test_cushions_that_are_livelier_in_a_warm_room_are_found(tmp_path: Path) -> 
     (term,) = found.unexplained["terms"]
     assert term["name"] == "cushion_e_warmth" and term["value"] == pytest.approx(0.006, rel=0.05)
     assert found.unexplained["depends_on"] == ["temperature"]
+    assert found.explained is not None and found.explained.held_rms < 1.1 * 0.0005

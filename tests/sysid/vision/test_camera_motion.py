@@ -25,8 +25,8 @@ from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion
 from tests.footage.webcam import Webcam, webcam
-from tests.sysid.vision.test_detect import footage_of
-from tests.sysid.vision.test_discs import CAMERA, FPS, rolling
+from tests.support.drawn_balls import footage_of
+from tests.support.webcam_shots import CAMERA, FPS, rolling
 
 TRUE = overhead(Table(1.2, 0.65), 0.0523, (640, 380), 1.5, 1.55, (0.02, -0.02))
 BALLS = rolling(np.array([[-0.45, -0.2], [0.3, 0.2]]), [(0.9, 0.35), (0.0, 0.0)], 2.0, 0.4)

@@ -13,7 +13,7 @@ from sysid.cli.calibrate import BoardOptions
 from sysid.vision.camera.board import Board, lens_of
 from sysid.vision.camera.projection import Camera
 from tests.footage.film import Picture
-from tests.sysid.vision.test_calibrate import TILTS, over_table
+from tests.support.table_views import TILTS, over_table
 
 SQUARE_M, MARKER_M = 0.04, 0.03
 FINE = 5000.0  # pixels of the drawn board in a metre

@@ -20,7 +20,7 @@ from sysid.cli import main
 from sysid.vision.camera import clicks
 from sysid.vision.camera.clicks import as_option, clicked, opened
 from tests.support.browser import chromium
-from tests.sysid.vision.test_calibrate import over_table, taken
+from tests.support.table_views import over_table, taken
 
 PICTURE = np.full((40, 60, 3), 90, np.uint8)
 CORNERS = [[5, 5.04], [50, 4], [52, 33], [3, 39]]

@@ -13,7 +13,7 @@ from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.pose import fit_camera
 from sysid.vision.camera.trust import uncertainty
-from tests.sysid.vision.test_calibrate import calibrated, errors, fov, over_table, rms, run, taken
+from tests.support.table_views import calibrated, errors, fov, over_table, rms, run, taken
 
 
 def test_corners_that_hold_are_kept_to_some_pixels_and_the_edges_near_them_taken() -> None:

@@ -2,126 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import cast
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from models.errors import BadInput
-from models.shot import NOSE_COSINE, Table
+from models.shot import Table
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
 from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.palette import default_palette, group_colours, read_palette
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Footage, Picture, open_footage
+from sysid.vision.frames import Picture
 from tests.footage.cameras import overhead
-from tests.footage.film import Look, Spot, film
+from tests.footage.film import Look, film
 from tests.footage.motion import Cue, Motion
+from tests.support.drawn_balls import (
+    MARKS,
+    THREE,
+    Array,
+    camera_of,
+    crowded,
+    errors,
+    footage_of,
+    learnt,
+    rms,
+    scattered,
+    shown,
+)
 
-Array = NDArray[np.float64]
-
-THREE = ("white", "red", "yellow")
 ALL = (*THREE, "green", "brown", "blue", "pink", "black")
-MARKS = {"white": [Spot((0, 0, 1), 0.35), Spot((1, 0, 0), 0.35), Spot((0, 1, 0.2), 0.3)]}
-LOOK = Look(spots=MARKS)
-
-
-@cache
-def camera_of(radius: int) -> Camera:
-    """A camera that sees balls with this radius [pixels]."""
-    size, table = ((480, 360), Table(1.0, 0.65, False)) if radius == 10 else ((560, 420), Table(0.62, 0.42, False))
-    return overhead(table, 0.0525, size, 1.6, 0.0525 * size[0] / (2 * radius), (0.04, -0.06))
-
-
-def scattered(camera: Camera, count: int, rng: np.random.Generator, gap: float = 3.5, edge: float = 2.4) -> Array:
-    """Places (count, 2) [m] at random, so many ball radii from another and from the noses at least."""
-    half = np.array([camera.table.length, camera.table.width]) / 2 - edge * camera.radius
-    places: list[Array] = []
-    while len(places) < count:
-        place = rng.uniform(-half, half)
-        if all(np.hypot(*(place - other)) > gap * camera.radius for other in places):
-            places.append(place)
-    return np.array(places)
-
-
-def shown(
-    camera: Camera, names: Sequence[str], places: Array, look: Look = LOOK, cue: Cue | None = None, seed: int = 0
-) -> list[Picture]:
-    """Pictures of balls at places (k, n, 2) [m], turned at random."""
-    k, n = places.shape[:2]
-    turned = Rotation.random(max(k * n, 1), random_state=seed).as_quat()[: k * n].reshape(k, n, 4)
-    times = np.arange(max(k, 2), dtype=float)
-    motion = Motion(
-        tuple(names),
-        times,
-        places[np.minimum(times.astype(int), k - 1)],
-        turned[np.minimum(times.astype(int), k - 1)],
-        cue,
-    )
-    return list(film(camera, motion, times[:k], look, seed))
-
-
-def footage_of(folder: Path, pictures: Sequence[Picture]) -> Footage:
-    folder.mkdir(exist_ok=True)
-    for k, picture in enumerate(pictures):
-        cv2.imwrite(str(folder / f"{k:04d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return open_footage(folder, fps=100.0)
-
-
-def learnt(folder: Path, camera: Camera, pictures: Sequence[Picture]) -> Detector:
-    return learn_detector(camera, footage_of(folder, pictures), default_palette())
-
-
-def errors(
-    detector: Detector,
-    camera: Camera,
-    pictures: Sequence[Picture],
-    names: Sequence[str],
-    places: Array,
-    off: float = 1.0,
-) -> tuple[Array, list[Detection]]:
-    """Errors (k, n, 2) [pixels] of balls expected `off` from where they are, and what was seen."""
-    rng = np.random.default_rng(1)
-    out, seen = np.full((*places.shape[:2], 2), np.nan), []
-    for i, (picture, row) in enumerate(zip(pictures, places, strict=True)):
-        truth = camera.outline(row)
-        guesses = truth + rng.uniform(-off, off, truth.shape)
-        found = {
-            s.name: s for s in detector.find(picture, [Expected(*one) for one in zip(names, guesses, strict=True)])
-        }
-        for j, name in enumerate(names):
-            if name in found:
-                out[i, j] = found[name].xy - truth[j]
-                seen.append(found[name])
-    return out, seen
-
-
-def rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def crowded(camera: Camera, count: int, rng: np.random.Generator) -> Array:
-    """Two balls within two radii of touching, and one at a cushion: (count, 3, 2) [m]."""
-    reach = np.array([camera.table.length, camera.table.width]) / 2 - camera.radius * NOSE_COSINE
-    rows = []
-    while len(rows) < count:
-        one = scattered(camera, 1, rng, edge=4.5)[0]
-        way, apart = rng.uniform(0, 2 * np.pi), camera.radius * rng.choice([2.0, 2.1, 2.6, 3.5])
-        two = one + apart * np.array([np.cos(way), np.sin(way)])
-        three = rng.uniform(-reach, reach)
-        axis = int(rng.integers(2))
-        three[axis] = rng.choice([-1, 1]) * (reach[axis] - camera.radius * rng.choice([0.0, 0.3, 0.8]))
-        if min(np.hypot(*(three - one)), np.hypot(*(three - two))) > 2.5 * camera.radius:
-            rows.append(np.array([one, two, three])[rng.permutation(3)])
-    return np.array(rows)
 
 
 @pytest.mark.parametrize("radius", [pytest.param(10, marks=pytest.mark.slow), 20])
@@ -144,18 +58,28 @@ def test_centres_are_known_to_a_fraction_of_a_pixel(tmp_path: Path, radius: int)
         assert max(np.hypot(*(found[n].xy - xy)) for n, xy in zip(THREE, camera.outline(row), strict=True)) < 0.6
 
 
-@pytest.mark.slow
-def test_a_ball_is_found_far_from_where_it_is_expected(tmp_path: Path) -> None:
+Learnt = tuple[Detector, Camera, list[Picture], Array]
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> Learnt:
+    """What is learnt from eight pictures of three balls far from each other; camera, pictures and places."""
     camera, rng = camera_of(10), np.random.default_rng(3)
     places = np.array([scattered(camera, 3, rng, gap=6) for _ in range(8)])
     pictures = shown(camera, THREE, places)
-    off, _ = errors(learnt(tmp_path / "f", camera, pictures), camera, pictures, THREE, places, off=12.0)
+    return learnt(tmp_path_factory.mktemp("usual") / "f", camera, pictures), camera, pictures, places
+
+
+@pytest.mark.slow
+def test_a_ball_is_found_far_from_where_it_is_expected(usual: Learnt) -> None:
+    detector, camera, pictures, places = usual
+    off, _ = errors(detector, camera, pictures, THREE, places, off=12.0)
     assert np.isfinite(off).all()
     assert rms(off) < 0.08
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("tint", [(1.0, 0.8, 0.55), (0.7, 0.85, 1.0)])
+@pytest.mark.parametrize("tint", [(1.0, 0.8, 0.55), pytest.param((0.7, 0.85, 1.0), marks=pytest.mark.thorough)])
 def test_all_colours_are_named_in_uneven_light_of_any_colour(tmp_path: Path, tint: tuple[float, float, float]) -> None:
     camera, rng = camera_of(20), np.random.default_rng(4)
     places = np.array([scattered(camera, 8, rng, gap=2.6) for _ in range(7)])
@@ -170,10 +94,8 @@ def test_all_colours_are_named_in_uneven_light_of_any_colour(tmp_path: Path, tin
 
 
 @pytest.mark.slow
-def test_nothing_is_found_where_there_is_no_ball(tmp_path: Path) -> None:
-    camera, rng = camera_of(10), np.random.default_rng(5)
-    places = np.array([scattered(camera, 3, rng) for _ in range(8)])
-    detector = learnt(tmp_path / "f", camera, shown(camera, THREE, places))
+def test_nothing_is_found_where_there_is_no_ball(usual: Learnt) -> None:
+    (detector, camera, _, _), rng = usual, np.random.default_rng(5)
     bare = np.zeros((3, 0, 2))
     cue = Cue(0.0, (0.05, 0.02, 0.026), 0.4, 1.0)
     pictures = [*shown(camera, (), bare, seed=1), *shown(camera, (), bare, cue=cue, seed=2)]
@@ -224,7 +146,6 @@ def test_a_ball_that_is_looked_for_in_a_black_pocket_is_not_there(tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_a_ball_with_the_cue_at_it_and_one_that_moves_are_found(tmp_path: Path) -> None:
     camera, rng = camera_of(20), np.random.default_rng(6)
     still = np.array([scattered(camera, 3, rng, gap=5) for _ in range(8)])
@@ -259,10 +180,9 @@ def test_changing_light_is_allowed_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_learning_is_deterministic_and_minds_the_size(tmp_path: Path) -> None:
-    camera, rng = camera_of(10), np.random.default_rng(8)
-    pictures = shown(camera, THREE, np.array([scattered(camera, 3, rng) for _ in range(4)]))
-    one, two = (learnt(tmp_path / "f", camera, pictures) for _ in range(2))
+def test_learning_is_deterministic_and_minds_the_size(usual: Learnt, tmp_path: Path) -> None:
+    one, camera, pictures, _ = usual
+    two = learnt(tmp_path / "f", camera, pictures)
     assert one.notes == two.notes
     assert [s.xy.tolist() for s in one.find(pictures[0])] == [s.xy.tolist() for s in two.find(pictures[0])]
     with pytest.raises(BadInput, match=r"480 x 360 .* 560 x 420"):

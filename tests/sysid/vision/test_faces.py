@@ -24,7 +24,7 @@ from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film
 from tests.footage.motion import Motion
 from tests.footage.webcam import Webcam, webcam
-from tests.sysid.vision.test_detect import footage_of
+from tests.support.drawn_balls import footage_of
 
 TABLE, DIAMETER = Table(1.2, 0.65), 0.05715
 CAMERA = overhead(TABLE, DIAMETER, (640, 380), 1.5, 1.36, (0.02, -0.02))

@@ -18,10 +18,9 @@ from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.vision.films import films_of, missing_line
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import of_video, place_of
-from tests.models.recording.test_view import column, read, seconds
 from tests.support.films import FILM_RATE, grey, write_film
-from tests.sysid.vision.test_follow import BALL, CAMERA, Recording
-from tests.sysid.vision.test_track import tracked_of
+from tests.support.followed_balls import BALL, CAMERA, Recording, tracked_of
+from tests.support.reviewed_clips import column, read, seconds
 
 
 @pytest.fixture(scope="module")

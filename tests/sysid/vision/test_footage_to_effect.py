@@ -15,7 +15,7 @@ from tests.footage.__main__ import main as film
 from tests.footage.score import score
 from tests.truth.__main__ import main as generate
 
-SHOTS = ("--clips", "6", "--seconds", "1.2", "--fps", "100", "--length", "1.1", "--width", "0.6", "--no-cue", "--open")
+SHOTS = ("--clips", "6", "--seconds", "1.2", "--fps", "60", "--length", "1.1", "--width", "0.6", "--no-cue", "--open")
 
 
 @pytest.mark.slow

@@ -18,10 +18,9 @@ from sysid.vision.camera.projection import write_camera
 from sysid.vision.film import _show
 from sysid.vision.frames import Footage
 from sysid.vision.tracks.track import track
-from tests.models.recording.test_view import column, read
+from tests.support.followed_balls import BALL, CAMERA, NAMES, TABLE, Drawn, Knowing, Recording
 from tests.support.live_feed import FileFeed
-from tests.sysid.vision.test_follow import BALL, CAMERA, NAMES, TABLE, Recording
-from tests.sysid.vision.test_track_footage import Drawn, Knowing
+from tests.support.reviewed_clips import column, read
 
 
 @pytest.mark.parametrize("interval", [0.0, 1e9])

@@ -24,7 +24,7 @@ from sysid.vision.camera.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAI
 from sysid.vision.camera.projection import Camera
 from tests.footage.cards import Card, all_cards
 from tests.footage.film import Look, Picture
-from tests.sysid.vision.test_calibrate import errors, over_table, rms, taken
+from tests.support.table_views import errors, over_table, rms, taken
 
 cv2.setNumThreads(1)
 
@@ -153,7 +153,7 @@ def test_markers_laid_with_a_tape_agree() -> None:
 @pytest.mark.slow
 def test_strewn_cards_agree_by_chance_at_most_and_are_refused_then() -> None:
     agreed = 0
-    for seed in range(20):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         markers = projected(tuple(Card(k, along=rng.normal(0, 0.04), out=rng.normal(0, 0.03)) for k in range(6)))
         start = initial_camera(CAMERA.size, CAMERA.table, CAMERA.diameter, None, None)
@@ -161,7 +161,7 @@ def test_strewn_cards_agree_by_chance_at_most_and_are_refused_then() -> None:
         agreed += view is not None
         _, doubts = marker_notes(view.camera if view else CAMERA, markers, view, 4)
         assert any("contradict" in doubt for doubt in doubts)
-    assert agreed < 6
+    assert agreed < 3
 
 
 def test_too_few_markers_are_said_and_not_used() -> None:
@@ -200,7 +200,8 @@ def test_the_numbers_say_which_end_is_which() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", [
-    (Card(2, along=0.03),), (Card(0, out=0.03),), (Card(0, place=1), Card(1, place=0)),
+    pytest.param((Card(2, along=0.03),), marks=pytest.mark.thorough), (Card(0, out=0.03),),
+    pytest.param((Card(0, place=1), Card(1, place=0)), marks=pytest.mark.thorough),
 ])  # fmt: skip
 def test_a_wrongly_laid_marker_is_named_and_passes_no_wrong_camera(wrong: tuple[Card, ...]) -> None:
     found = found_in(laid(*wrong))

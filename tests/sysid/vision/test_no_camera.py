@@ -14,7 +14,7 @@ from models.shot import Table
 from sysid.cli import main
 from sysid.vision.camera.seen_picture import seen_table
 from tests.footage.film import Picture
-from tests.sysid.vision.test_calibrate import DIAMETER, over_table, taken
+from tests.support.table_views import DIAMETER, over_table, taken
 
 SIZES = ("--length", "2", "--width", "1", "--diameter", "0.0525")
 CORNERS = "140,60 500,60 520,340 120,340"

@@ -12,7 +12,7 @@ from sysid.vision.tracks.noise import _parabola_residual
 from sysid.vision.tracks.picks import find_picks, seem_uneven
 from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.prediction import State
-from tests.sysid.vision.test_follow import CAMERA, FPS, NAMES, Recording, sightings
+from tests.support.followed_balls import CAMERA, FPS, NAMES, Recording, sightings
 
 PERIOD = 1 / 30
 NOISE_PX = 0.3

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sysid.vision.tracks.follow import Follower
 from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.rates import regular_gaps
-from tests.sysid.vision.test_follow import CAMERA, NAMES, Recording, sightings
+from tests.support.followed_balls import CAMERA, NAMES, Recording, sightings
 
 RATE = 60.0  # of the camera
 MADE = Recording(fps=RATE).wait(0.5).shot((1.0, 0.35)).wait(0.5)

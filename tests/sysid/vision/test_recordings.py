@@ -17,8 +17,7 @@ from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
 from sysid.vision.tracks.stamps import PictureChange, doubled, is_doubled, marked, missing
 from tests.footage.cameras import overhead
-from tests.sysid.vision.test_follow import BALL, CAMERA, FPS, Recording
-from tests.sysid.vision.test_track import tracked_of
+from tests.support.followed_balls import BALL, CAMERA, FPS, Recording, tracked_of
 
 
 def test_clips_of_two_videos_are_in_one_set(tmp_path: Path) -> None:

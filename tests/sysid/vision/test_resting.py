@@ -14,7 +14,7 @@ from tests.footage.__main__ import camera_over
 from tests.footage.cameras import aimed, overhead
 from tests.footage.motion import Cue
 from tests.footage.study import RAIL_WIDTH_M, recipe
-from tests.sysid.vision.test_detect import LOOK, THREE, camera_of, errors, learnt, rms, shown
+from tests.support.drawn_balls import LOOK, THREE, camera_of, errors, learnt, rms, shown
 
 
 @pytest.mark.slow

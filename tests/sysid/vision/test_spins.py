@@ -81,7 +81,7 @@ def _without(whole: BallTrack, begin: float, end: float) -> BallTrack:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("marks", ["1", "8"])
+@pytest.mark.parametrize("marks", ["1", pytest.param("8", marks=pytest.mark.thorough)])
 def test_deceleration_of_sidespin_from_footage_alone(tmp_path: File, marks: str) -> None:
     played, video = tmp_path / "played", tmp_path / "film.mkv"
     shots = ("--clips", "1", "--kind", "spin", "--seconds", "1.5", "--length", "0.8", "--width", "0.45")

@@ -22,7 +22,7 @@ from sysid.vision.samples import spread_pictures
 from tests.footage.__main__ import camera_over
 from tests.footage.film import RUBBER, Look, Picture, developed, table_picture
 from tests.footage.study import made, recipe
-from tests.sysid.vision.test_calibrate import rms
+from tests.support.table_views import over_bed
 
 PLAIN = Look(noise=1.5)  # of the median of some frames
 TABLES = {
@@ -36,13 +36,6 @@ def plain(name: str, seed: int = 0) -> tuple[Camera, Picture]:
     table, diameter, size = TABLES[name]
     camera = camera_over(table, diameter, size, 0.01, -0.08)
     return camera, developed(table_picture(camera, PLAIN), PLAIN, np.random.default_rng(seed))
-
-
-def over_bed(camera: Camera, found: Camera) -> float:
-    """Error of places over the table: rms [mm]."""
-    half = np.array([camera.table.length, camera.table.width]) / 2 - camera.radius
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 11), np.linspace(-1, 1, 7)), axis=-1).reshape(-1, 2) * half
-    return rms(1e3 * np.linalg.norm(found.centres(camera.outline(grid)) - grid, axis=1))
 
 
 @pytest.mark.parametrize("name", ["small", "tiny"])
@@ -103,7 +96,9 @@ def test_a_strip_goes_no_farther_than_the_picture() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(TABLES))
+@pytest.mark.parametrize("name", [
+    "snooker", "tiny", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("pool", "small")),
+])  # fmt: skip
 def test_a_plain_table_is_calibrated_unaided(name: str) -> None:
     camera, picture = plain(name)
     found = calibrate(picture, camera.table, camera.diameter)

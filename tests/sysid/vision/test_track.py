@@ -11,41 +11,26 @@ import pytest
 
 from models.errors import BadInput
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
-from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.clips import Extra, clip_set
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import Noise, estimate_noise, residuals
 from sysid.vision.tracks.strikes import balls_there
-from sysid.vision.tracks.track import Tracked, tracked
-from tests.sysid.vision.test_follow import (
+from sysid.vision.tracks.track import tracked
+from tests.support.followed_balls import (
     BALL,
     CAMERA,
     FPS,
     HOME,
     NAMES,
-    NOISE,
     TABLE,
     Recording,
     random_tracks,
     sightings,
+    tracked_of,
 )
 
 PLACE = CAMERA.radius / float(CAMERA.radius_px(np.zeros((1, 2)))[0])  # size of a pixel on the table [m]
-
-
-def tracked_of(
-    made: Recording, drop: float = 0.0, noise: float = NOISE, camera: Camera = CAMERA
-) -> Tracked:  # fmt: skip
-    """What is made of a recording."""
-    follower = Follower(camera)
-    position = np.concatenate(made.rows)
-    for index, some in enumerate(
-        sightings(position, NAMES, np.random.default_rng(0), drop=drop, noise=noise, camera=camera)
-    ):
-        follower.update(index, index / made.fps, some)
-    frames = np.arange(len(position))
-    return tracked(follower.tracks(), frames, frames / made.fps, camera)
 
 
 def test_several_shots_are_split(tmp_path: File) -> None:

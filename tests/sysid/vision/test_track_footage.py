@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
 from pathlib import Path as File
 from typing import cast
 
@@ -20,10 +19,10 @@ from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from sysid.cli.track import track as cli_track
 from sysid.clips import read_clip_set
-from sysid.vision.balls.detect import Detection, Detector
-from sysid.vision.balls.discs import Expected, Shutter
+from sysid.clips.trust import camera_doubts
+from sysid.vision.balls.detect import Detector
 from sysid.vision.camera.projection import write_camera
-from sysid.vision.frames import Footage, Frame, Picture
+from sysid.vision.frames import Footage
 from sysid.vision.preview import write_previews
 from sysid.vision.tracks.clips import note
 from sysid.vision.tracks.noise import residuals
@@ -31,53 +30,7 @@ from sysid.vision.tracks.track import Tracked, track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import motion_of
-from tests.sysid.vision.test_follow import (
-    BALL,
-    CAMERA,
-    FPS,
-    NAMES,
-    TABLE,
-    Recording,
-    sightings,
-)
-
-
-class Drawn:
-    """Footage of a recording: white discs on black, which a detector without doubts finds."""
-
-    size, fps, assumed = CAMERA.size, FPS, ("frame times from the test",)
-
-    def __init__(self, made: Recording) -> None:
-        self.position = np.concatenate(made.rows)
-        self.count = len(self.position)
-
-    def __iter__(self) -> Iterator[Frame]:
-        for index in range(self.count):
-            picture = np.zeros((self.size[1] // 2, self.size[0] // 2, 3), np.uint8)
-            picture[0, 0] = index // 256, index % 256, 0
-            yield Frame(index, index / FPS, picture)
-
-
-class Knowing:
-    """A detector that looks up where balls are; those that are not expected only when all are asked for."""
-
-    told, noise, palette = ("told by the test",), 1.0, None
-
-    def __init__(self, made: Recording) -> None:
-        position = np.concatenate(made.rows)
-        self.seen = list(sightings(position, NAMES, np.random.default_rng(0)))
-        self.asked = [0, 0]
-
-    def find(
-        self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None,
-        taken: Sequence[np.ndarray] = (),
-    ) -> list[Detection]:  # fmt: skip
-        index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
-        self.asked[bool(expected)] += 1
-        if not expected:
-            return [s for s in self.seen[index] if all(np.hypot(*(s.xy - at)) > s.radius for at in taken)]
-        near = [(s, one) for s in self.seen[index] for one in expected if s.name == one.name]
-        return [s for s, one in near if np.hypot(*(s.xy - one.xy)) < 60]
+from tests.support.followed_balls import BALL, CAMERA, NAMES, TABLE, Drawn, Knowing, Recording
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +113,7 @@ def test_what_cannot_be_used_is_refused_before_the_work(tmp_path: File) -> None:
 def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str]) -> None:
     table = Table(1.0, 0.55)
     flat = overhead(table, BALL.diameter, (480, 320), 1.6, 1.2, (0.02, -0.03))
-    camera = dataclasses.replace(flat, distortion=np.array([-0.05, 0.01, 0.0, 0.0, 0.0]))
+    camera = dataclasses.replace(flat, distortion=np.array([-0.05, 0.01, 0.0, 0.0, 0.0]), doubts=("its edges",))
     write_camera(tmp_path / "camera.toml", camera)
     places, velocity = np.array([[-0.3, -0.1], [0.05, 0.02], [0.3, -0.15]]), np.zeros((3, 2))
     velocity[0] = [1.0, 0.33]
@@ -177,7 +130,9 @@ def test_from_video_to_clips(tmp_path: File, capsys: pytest.CaptureFixture[str])
     said = capsys.readouterr().out
     assert code == 0, said
     assert "mass 0.1406 kg" in said
-    (clip,) = read_clip_set(tmp_path / "set").clips
+    clip_set = read_clip_set(tmp_path / "set")
+    (clip,), doubts = clip_set.clips, camera_doubts(clip_set)
+    assert doubts == ("its edges",), "of the camera, which its clips carry on"
     assert clip.struck == "white"
     assert set(clip.balls) == set(NAMES)
     start = json.loads((tmp_path / "t.json").read_text())["clips"][0]["frames"][0]

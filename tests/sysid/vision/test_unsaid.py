@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.vision.tracks.unsaid import unsaid
-from tests.sysid.vision.test_follow import FPS, Recording
-from tests.sysid.vision.test_track import tracked_of
+from tests.support.followed_balls import FPS, Recording, tracked_of
 
 
 def test_a_shot_during_which_the_ball_is_not_seen_is_said() -> None:

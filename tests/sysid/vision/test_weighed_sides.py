@@ -16,7 +16,7 @@ from sysid.vision.camera.trust import uncertainty
 from sysid.vision.camera.weighed_sides import weighed
 from tests.footage.__main__ import camera_over
 from tests.footage.film import RUBBER, Look, developed, table_picture
-from tests.sysid.vision.test_table_evidence import over_bed
+from tests.support.table_views import over_bed
 
 SIDE = 100  # points of a side
 
