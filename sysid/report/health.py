@@ -57,6 +57,7 @@ class HealthLine:
     determined: bool  # whether the clips determine it well enough for a verdict
     beside: str = "typical"  # what it stands beside
     constant: str = ""  # its name in the model
+    brief: str = ""  # for a headline, where measurement and verdict fit into a few words
 
     def text(self) -> str:
         """As one line, without the source."""
@@ -138,6 +139,9 @@ def _size(name: str, found: Finding) -> HealthLine:
     elif off.significant:
         more = f"{abs(off.value) * 1e3:.1f} mm {'more' if off.value > 0 else 'less'}"
         verdict = f"{more} than stated: measure it again, and correct {key} in clips.toml"
+        if name != BALL_DIAMETER:
+            share = 100 * abs(off.value) / stated
+            verdict += f"; if the stated {key} is right, the camera's scale is off by {share:.2g} %: calibrate it again"
     measured = _measured(found.value, found.sd, "m")
     source = "clips.toml, as well as a tape or a caliper measures"
     return HealthLine(what, measured, f"{stated:g} m", source, verdict, determined, "stated")
@@ -210,21 +214,24 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
         measured = _measured(abs(found.value) * 1e3, found.sd * 1e3, "mm/m")
         determined = found.narrower_than(2 * limit)
         towards = f"{'+' if found.value > 0 else '-'}{letter}"
-        clear = abs(found.value) - INTERVAL_SDS * found.sd > limit
+        clear, brief = abs(found.value) - INTERVAL_SDS * found.sd > limit, ""
         if not determined:
             verdict = UNDETERMINED
         elif clear:
             lift = f"{abs(found.value) * size * 1e3:.1f} mm"
             verdict = f"downhill towards {towards}: raise that end by {lift}"
+            brief = f"{towards} {('end', 'side')[axis]} {lift} low"
             if axis == 0:
                 verdict += "; nap along the table looks alike, so check with a level first"
+                brief += " (nap along the table looks alike: check with a level)"
         elif abs(found.value) + INTERVAL_SDS * found.sd < limit:
             verdict = "level, as fitters aim at"
         else:
             verdict = f"at the limit, downhill towards {towards}: check with a level"
         return HealthLine(
-            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict, determined
-        )
+            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict,
+            determined, brief=brief,
+        )  # fmt: skip
 
     return judge
 

@@ -55,7 +55,8 @@ def engines_line(comparison: Comparison) -> str:
     here, there = (f"{1e3 * s[k]:.3f} mm" for k in ("rms_median_m", "mujoco_rms_median_m"))
     if not comparison.mujoco:
         return f"rms miss of all balls over a clip, played in MuJoCo, median: {there}"
-    return f"of all balls, median: {here} in the event engine, {there} with the same constants in MuJoCo"
+    both = f"{here} in the event engine, {there} with the same constants in MuJoCo"
+    return f"rms miss of all balls over a clip, median: {both}"
 
 
 def held_out_line(comparison: Comparison, rate: float) -> str:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from models.contract import described
 from models.effect import Effect
@@ -22,6 +24,7 @@ from sysid.selection.screening import Screening
 MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached
 CERTAIN_BIC = 10.0  # "very strong" evidence (Kass and Raftery 1995), of an effect that
 CERTAIN_SHARE = 0.95  # of the draws of the clips find: it is certain then
+IMAGE_QUANTITIES = ("image_x", "image_y")  # of formulas: what the camera shows, not what balls do
 FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
 
 
@@ -54,10 +57,18 @@ def _headline(found: DiscoveryResult) -> str:
         f"{_plain_name(found, name)} ({_how_sure(found, name)}){_of_the_table(found, name)}" for name in found.verdict
     ]
     if found.unexplained is not None:
-        what = "Something that no known effect explains"
-        parts.append(f"{what}: {found.unexplained['where']}")
+        parts.append(f"Something that no known effect explains: {_located(found.unexplained)}")
     told = ". ".join(parts) or "These clips show nothing that the model lacks"
     return told if found.converged else f"{told}. The fit did NOT converge: this is a hint"
+
+
+def _located(rest: Mapping[str, Any]) -> str:
+    """Where something unexplained is, and how large, where that is a length on the table."""
+    if rest["unit"] == "m":
+        return f"{rest['where']}, {millimetres(rest['size'])}{' rms' if 'rms' in rest['what'] else ''}"
+    return (
+        f"{rest['where']}, {1e3 * abs(rest['size']):.2g} mm per m" if rest["unit"] == "m per m" else str(rest["where"])
+    )
 
 
 def _plain_name(found: DiscoveryResult, name: str) -> str:
@@ -82,7 +93,7 @@ def _how_sure(found: DiscoveryResult, name: str) -> str:
 def _of_the_table(found: DiscoveryResult, name: str) -> str:
     """What its constants say of the table; nothing where that is not known."""
     lines = [line for line in health(found.model) if line.constant.startswith(f"{name}.") and line.determined]
-    told = [f"{line.what} {line.measured}, {line.verdict}" for line in lines]
+    told = [line.brief or f"{line.what} {line.measured}, {line.verdict}" for line in lines]
     return f": {'; '.join(told)}" if told else ""
 
 
@@ -154,8 +165,11 @@ def _over_next(seen: Screening) -> str:
 def _next_step(found: DiscoveryResult) -> str:
     """What to do now."""
     if found.unexplained is not None and found.unexplained["terms"]:
-        return f"add what is outside the catalogue as an effect: {NEW_EFFECT_COMMAND}"
+        add = f"add what is outside the catalogue as an effect: {NEW_EFFECT_COMMAND}"
+        if all(term["door"] in IMAGE_QUANTITIES for term in found.unexplained["terms"]):
+            return f"calibrate the camera again, as what is left is in its picture and not on the table; or {add}"
+        return add
     shot = found.next_shot
     if shot is not None:
-        return f"film {shot.in_words()}: {shot.why}"
+        return f"film this shot {shot.why}: {shot.in_words()}"
     return "plan shots in this model; film more clips to see what these do not show"

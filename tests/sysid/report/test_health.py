@@ -176,7 +176,8 @@ def test_a_table_that_was_measured_wrong_is_told_in_plain_words() -> None:
     lines = health_lines(fitted(**{name.replace(".", "__"): pair for name, pair in sizes.items()}))
     assert lines == [
         "table, length from nose to nose: 3.55830 ± 0.00040 m (stated: 3.569 m): 10.7 mm less than stated: measure it "
-        "again, and correct length in clips.toml",
+        "again, and correct length in clips.toml; if the stated length is right, the camera's scale is off by 0.3 %: "
+        "calibrate it again",
         "table, width from nose to nose: 1.77850 ± 0.00040 m (stated: 1.778 m): as stated",
         f"{UNDETERMINED}: balls, diameter",
     ]
