@@ -1,4 +1,4 @@
-"""What a fitted model says about the table, the balls and the camera, in plain words for people who own them.
+"""What a fitted model says about the table, the balls and the camera, in plain words for their owner.
 
 In: a fitted `Model` with its estimates. Out: `HealthLine`s, each a constant beside typical values and a verdict.
 
@@ -83,7 +83,7 @@ class Finding:
 
 
 def health(model: Model) -> list[HealthLine]:
-    """A line for every constant that was fitted and that something is known of, those with a verdict first."""
+    """A line for every fitted constant with a known range or meaning, those with a verdict first."""
     if not model.fitted.get("converged", False):
         return []
     found = []
@@ -98,7 +98,7 @@ def health(model: Model) -> list[HealthLine]:
 
 
 def health_lines(model: Model) -> list[str]:
-    """The same in words, and what these clips do not determine; for the terminal and result.json."""
+    """The lines in words, and what these clips do not determine; for the terminal and result.json."""
     if model.fitted and not model.fitted.get("converged", False):
         return [NOT_CONVERGED_LINE]
     lines = health(model)
@@ -143,12 +143,12 @@ def _size(name: str, found: Finding) -> HealthLine:
             share = 100 * abs(off.value) / stated
             verdict += f"; if the stated {key} is right, the camera's scale is off by {share:.2g} %: calibrate it again"
     measured = _measured(found.value, found.sd, "m")
-    source = "clips.toml, as well as a tape or a caliper measures"
+    source = "clips.toml, within the error of a tape or a caliper"
     return HealthLine(what, measured, f"{stated:g} m", source, verdict, determined, "stated")
 
 
 def _met_nearer(model: Model) -> float:
-    """How much less the noses are apart as played, at 7R/5, than noses of the height that was found [m]."""
+    """By how much noses at the played height, 7R/5, are closer together than at the height found [m]."""
     sine = NOSE_SINE + float(model.parameters().get("nose_height.change", 0.0))
     return (math.sqrt(1.0 - sine**2) - NOSE_COSINE) * model.as_played().ball.diameter
 
@@ -267,7 +267,7 @@ def _worn(found: Finding) -> HealthLine:
     if found.significant and placed:
         more = "more" if found.value > 0 else "less"
         verdict = (
-            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls are braked "
+            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls slow down "
             f"{abs(100 * found.value):.2g} % {more} than elsewhere: look for wear, dirt or a seam there"
         )
     measured = _measured(100 * found.value, 100 * found.sd, "%")

@@ -20,7 +20,7 @@ MAX_NOISE_RATIO = 1.1  # rms over noise above which whole shots are not followed
 
 
 def in_words(comparison: Comparison) -> list[str]:
-    """Departures, the most significant first, what the error depends on, and whether the residuals are white."""
+    """Departures, the most significant first; what the error depends on; whether the residuals are white."""
     found, white = comparison.local, comparison.white
     lines = [d.where[0].upper() + d.where[1:] + "." for d in found.named]
     for of, words in RESIDUAL_KINDS.items():
@@ -33,7 +33,7 @@ def in_words(comparison: Comparison) -> list[str]:
             )
     if not found.named:
         lines = [
-            f"Nothing stands out: none of {found.tests} groups departs by more than chance explains among as many, "
+            f"Nothing stands out: none of {found.tests} groups departs by more than chance explains among so many, "
             f"with noise of {comparison.noise_m * 1e3:.2f} mm."
         ]
         if white.samples and white.ratio > MAX_NOISE_RATIO:

@@ -148,7 +148,7 @@ def test_a_worn_patch_is_named_by_its_place() -> None:
     patch = WornPatch(x=0.55, y=-0.2, radius=0.35)
     place = {"worn_patch__x": (0.55, 0.01), "worn_patch__y": (-0.2, 0.01), "worn_patch__radius": (0.35, 0.02)}
     (line,) = health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **place))
-    assert line.verdict.startswith("within 0.35 m of x = 0.55, y = -0.20 m rolling balls are braked 90 % more")
+    assert line.verdict.startswith("within 0.35 m of x = 0.55, y = -0.20 m rolling balls slow down 90 % more")
     assert health(fitted((patch,), worn_patch__roll=(-0.1, 0.1), **place))[0].verdict == UNDETERMINED
     anywhere = place | {"worn_patch__y": (-0.2, math.nan)}
     assert health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **anywhere))[0].verdict == UNDETERMINED

@@ -116,6 +116,6 @@ def test_what_is_left_without_a_formula_is_said_to_have_none_that_holds() -> Non
     swings = unexplained_lines(left | {"form": "x + a sine"})
     assert swings[-1] == "as a formula: x + a sine"
     alike = unexplained_lines(left | {"form": "x", "alike": ["deceleration by speed", "sliding friction by time"]})
-    assert alike[-1] == "these clips hardly tell it from: deceleration by speed; sliding friction by time"
+    assert alike[-1] == "these clips hardly distinguish it from: deceleration by speed; sliding friction by time"
     offered = unexplained_lines(left | {"form": "+0.05 * (order)", "terms": [{}]})
     assert offered[-1].startswith("to add it: sysid new-effect")
