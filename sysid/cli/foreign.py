@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,6 +124,8 @@ def import_(
         print(line)
     for line in found.assumed:
         print(f"assumed: {line}")
+    if camera is not None and math.isfinite(camera.place_sd_m):
+        print(f"positions are known to {1e3 * camera.place_sd_m:.2g} mm rms, by the camera's calibration")
     picture = picture_file or out.with_name(out.name + ".png")
     write_whole(picture, tracks_png(clip_set, found.says[0]), parents=True)
     print(f"picture: {picture}", flush=True)
