@@ -4,7 +4,7 @@ Seen from above a cushion's nose runs to a point, where its facing turns off int
 between the two points, where the lines of noses and facings meet (WPA: "from pointed lip to pointed lip"). The cut
 angle is inside the rubber, between nose and facing: at 135 degrees at a corner and 90 at a middle facings run along the
 pocket's axis, at wider angles they close towards the throat. A radius rounds the point. The shelf is how far the slate
-extends beyond the middle of the mouth, along the axis; it ends in an arc, open to the table. The acceptance sums all
+reaches beyond the middle of the mouth, along the axis; it ends in an arc, open to the table. The acceptance sums all
 this up for models without jaws: how far from the axis a slow ball, on its way along it, still falls.
 
 Files hold `pockets = true` (those of snooker), false, the name of a set below, or its numbers:
@@ -83,18 +83,18 @@ SNOOKER_POCKETS = PocketShapes(
 )
 WPA_POCKETS = PocketShapes(
     corner=PocketShape(
-        mouth=0.1158875,  # 4.5625 in; WPA 9: 4.5 to 4.625 in
+        mouth=4.5625 * INCH_M,  # WPA 9: 4.5 to 4.625 in
         nose_radius=0.02095,  # Showood
         cut_angle=math.radians(142.0),  # WPA 9: 142 degrees, 1 more or less
-        shelf=0.041275,  # 1.625 in; WPA 9: 1 to 2.25 in
+        shelf=1.625 * INCH_M,  # WPA 9: 1 to 2.25 in
         edge_radius=0.062,  # Showood
         acceptance=0.0355,
     ),
     middle=PocketShape(
-        mouth=0.1285875,  # 5.0625 in; WPA 9: 5 to 5.125 in
+        mouth=5.0625 * INCH_M,  # WPA 9: 5 to 5.125 in
         nose_radius=0.00795,  # Showood
         cut_angle=math.radians(104.0),  # WPA 9: 104 degrees, 1 more or less
-        shelf=0.0047625,  # 0.1875 in; WPA 9: 0 to 0.375 in
+        shelf=0.1875 * INCH_M,  # WPA 9: 0 to 0.375 in
         edge_radius=0.0645,  # Showood
         acceptance=0.0415,
     ),

@@ -171,6 +171,8 @@ def test_constants_and_speeds_beyond_their_bounds_are_refused() -> None:
 def test_results_show_themselves_in_a_line_or_a_short_table() -> None:
     clips, track = sysid.read_clips(EXAMPLE_FOLDER), models.simulate(MODEL, speed=1.0)
     shot = models.Shot(("cue",), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)), np.linspace(0, 9, 999))
+    scene = planner.read_scene(ROOT / "planner" / "example.toml")
+    assert repr(scene) == "<Scene of white, red, black: red into the pocket corner +x +y>"
     for one in (MODEL, clips, clips.clips[0], clips.clips[0].balls, shot, MODEL.add("speed_drag")):
         assert len(repr(one)) < 200 and "\n" not in repr(one)
     assert len(repr(track).splitlines()) < 5
