@@ -13,12 +13,13 @@ import importlib.metadata
 import math
 import os
 import platform
+import re
 import select
 import shlex
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,7 +35,7 @@ from models.command_outputs import (
     keeping_results,
     overwrite_option,
 )
-from models.console import Progress, Status, as_called, show_progress
+from models.console import Progress, Status, as_called, named, show_progress
 from models.errors import BadInput, one_line
 from models.files.limits import MAX_PICTURE_PIXELS
 from models.files.writing import NO_ROOM, unwritable
@@ -286,7 +287,7 @@ def run(
     except click.exceptions.Exit as end:
         status = Status(end.exit_code)
     except click.ClickException as error:
-        status, fault = Status.BAD_INPUT, _usage_fault(error, path, verbs)
+        status, fault = Status.BAD_INPUT, _usage_fault(error, path, verbs, words)
     except reported as error:
         status, fault = Status.BAD_INPUT if isinstance(error, BadInput) else Status.FINDING, str(error)
         more = getattr(error, "__notes__", more)  # further faults of a file
@@ -348,12 +349,27 @@ def _prepare_process(own: bool) -> None:
             setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
 
 
-def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str]) -> str:
+def _usage_fault(error: click.ClickException, path: str, verbs: Sequence[str], words: Sequence[str]) -> str:
     """The message on a wrong word or option, in one line, with similar ones."""
     if verbs and "Missing command" in error.format_message():
         return f"no verb was given; choose one of {', '.join(verbs)}"
+    if isinstance(error, click.MissingParameter) and error.ctx is not None:
+        return _missing(error, error.ctx, path, {word.partition("=")[0] for word in words})
     text = " ".join(error.format_message().split()).rstrip(".")
     return f"{text[:1].lower()}{text[1:]}" + ("" if text.endswith("?") else f"; see {path} --help")
+
+
+def _missing(error: click.MissingParameter, context: click.Context, path: str, words: Set[str]) -> str:
+    """The message on what a verb needs and was not given, all of it, with the example of its help."""
+    absent = []
+    for one in context.command.params:
+        if isinstance(one, click.Option) and one.required and not words & set(one.opts):
+            absent.append(f"{one.opts[0]} {one.metavar or ''}".rstrip())
+        elif isinstance(one, click.Argument) and one is error.param:
+            absent.insert(0, one.make_metavar(context))
+    example = re.search(r"Example: (.*)", context.command.help or "")
+    remedy = f"give it as in: {as_called(example[1].strip())}" if example else f"see {path} --help"
+    return f"missing {named(absent)}; {remedy}"
 
 
 def _flushed() -> bool:

@@ -34,6 +34,7 @@ MAX_SPEED_M_S = 30.0  # largest ball speed, beyond any cue's, as for a clip set'
 CUE_BALL_NAMES = ("cue", "white")
 COMPILED_MARK = "played"  # mark of compiled code for playing shots
 REST_MOTION_M = 1e-6  # a ball within this distance of its last place rests
+PLACE_ROUNDING_M = 1e-6  # by which balls that touch may overlap, their places being written with six decimals
 SPIN_NAMES = ("wx", "wy", "wz")
 
 
@@ -68,7 +69,7 @@ class SimulatedShot(Presented, Track):
             x, y = way[-1]
             end = "in a pocket" if name in fell else f"{x:+.3f}, {y:+.3f}"
             rows.append((name, f"{speed:.2f}", f"{length:.3f}", str(met[name]), end))
-        heads = ("ball", "speed at first [m/s]", "way [m]", "impacts", "ends at x, y [m]")
+        heads = ("ball", "initial speed [m/s]", "path [m]", "impacts", "ends at x, y [m]")
         return Sheet(self._samples(), heads, tuple(rows), (f"{self.times[-1] - self.times[0]:.2f} s of a shot",))
 
     def _samples(self) -> dict[str, Any]:
@@ -135,6 +136,7 @@ def stroke_shot(
     first = _struck_of(tuple(balls), struck)
     _check_stroke(speed, azimuth, side, height, elevation, ball)
     order = (first, *(name for name in balls if name != first))
+    places = _checked_places(order, balls, model)
     n = len(order)
     velocity, spin = np.zeros((n, 2)), np.zeros((n, 3))
     cos, sin = math.cos(azimuth), math.sin(azimuth)
@@ -143,7 +145,29 @@ def stroke_shot(
     velocity[0] = speed * cos, speed * sin
     spin[0] = along * cos - forward * sin, along * sin + forward * cos, turned
     times = np.arange(0.0, MAX_STROKE_S, STROKE_PERIOD_S)
-    return Shot(order, np.array([balls[name] for name in order], float), velocity, spin, times)
+    return Shot(order, places, velocity, spin, times)
+
+
+def _checked_places(names: Sequence[str], balls: Mapping[str, tuple[float, float]], model: Model) -> Array:
+    """Places (n, 2) [m]; BadInput for a ball that is not on the table, or lies in another."""
+    places = np.zeros((len(names), 2))
+    limits = model.table.centre_limits(model.ball)
+    for k, name in enumerate(names):
+        place = np.asarray(balls[name], float)
+        if place.shape != (2,) or not np.isfinite(place).all():
+            raise BadInput(f"ball {name!r} at {balls[name]}: give x, y from the table's centre [m]")
+        places[k] = place
+        if (np.abs(place) > limits + PLACE_ROUNDING_M).any():
+            raise BadInput(
+                f"ball {name!r} at {place[0]:g}, {place[1]:g} m is not on the table: give x within "
+                f"+-{limits[0]:.3f} m and y within +-{limits[1]:.3f} m of its centre"
+            )
+        for other, there in zip(names[:k], places[:k], strict=True):
+            if np.hypot(*(place - there)) < model.ball.diameter - PLACE_ROUNDING_M:
+                raise BadInput(
+                    f"balls {other!r} and {name!r} overlap: place them {model.ball.diameter:g} m apart or more"
+                )
+    return places
 
 
 def _struck_of(names: tuple[str, ...], struck: str | None) -> str:
@@ -225,7 +249,8 @@ def simulate(
         contact point [m], elevation of the cue [rad], balls by name [m], struck. A single track is returned.
 
     Raises:
-        BadInput: a constant outside its bounds, an impossible speed, or a missing ball to strike.
+        BadInput: a constant outside its bounds, an impossible speed, a missing ball to strike, balls that overlap or
+        are not on the table.
     """
     own = model_of(model)
     _check_values(own)

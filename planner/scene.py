@@ -83,7 +83,7 @@ class SceneFile:
     camera_doubts: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scene:
     """Balls at rest on a table, and the goal."""
 
@@ -93,6 +93,10 @@ class Scene:
     position: Array  # (n, 2) [m]
     goal: Goal
     camera_doubts: tuple[str, ...] = ()  # reasons to doubt the camera that took it
+
+    def __repr__(self) -> str:
+        pocket = "any pocket" if self.goal.pocket is None else f"the pocket {pocket_name(self.goal.pocket)}"
+        return f"<Scene of {', '.join(self.names)}: {self.goal.object} into {pocket}>"
 
 
 def pocket_places(table: Table) -> dict[Pocket, Array]:

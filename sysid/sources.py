@@ -5,6 +5,9 @@ In: files of another program, or a film and its camera file. Out: a `ClipSet`, i
 
 from __future__ import annotations
 
+import json
+import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +21,11 @@ from sysid.foreign.convert import ShotFile, Stated, import_files
 from sysid.foreign.pixels import Pixels
 
 PathLike = Path | str
+STATED_FIELDS = ("time", "fps", "struck", "running", "columns", "turned")  # of `Stated`, as further arguments
+FLAGS = ("turned", "running")
+WORDS = r"(?:m|cm|mm|in|ft|centre|corner|length|width|up|down|frames|(?:milli|micro)?seconds)(?:\|\w+)*\b"
+PAIRS, PLACEHOLDERS, NUMBERS = r"[\w.]+=[^\s:;]*[\w.]", r"[A-Z][\w.]*\w|[A-Z]\b", r"\d[\d.]*\b"
+OPTION = re.compile(rf"--([a-z][a-z-]*)(?: ({WORDS}|{PAIRS}|{PLACEHOLDERS}|{NUMBERS}))?")  # with its value
 
 
 def import_tracks(
@@ -39,9 +47,14 @@ def import_tracks(
         y: "up", or "down" as in pictures.
         stated: other fields of `Stated`: time, fps, struck, running, columns, turned.
 
+    What had to be assumed is printed on the standard error stream.
+
     Raises:
         BadInput: a faulty file, or an ambiguity, with the argument that resolves it.
     """
+    if unknown := [name for name in stated if name not in STATED_FIELDS]:
+        own = ("table", "diameter", "camera", "mass", "unit", "origin", "x_along", "y", *STATED_FIELDS)
+        raise TypeError(f"import_tracks has no argument {unknown[0]!r}; it has {', '.join(own)}")
     paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
     pixels, doubts = None, tuple[str, ...]()
     if camera is not None:
@@ -64,7 +77,30 @@ def import_tracks(
         None if y is None else y == "down", **stated,
     )  # fmt: skip
     shots = [ShotFile(f"clips/{path.stem}.csv") for path in paths]
-    return with_doubts(import_files(paths, shots, known.table, known.ball, statements, pixels).clip_set, doubts)
+    try:
+        found = import_files(paths, shots, known.table, known.ball, statements, pixels)
+    except BadInput as fault:
+        raise BadInput(in_python(str(fault))) from None
+    for line in found.assumed:
+        print(f"assumed: {in_python(line)}", file=sys.stderr)
+    return with_doubts(found.clip_set, doubts)
+
+
+def in_python(says: str) -> str:
+    """A message of the command with arguments in place of its options: --fps F as fps=F."""
+
+    def argument(option: re.Match[str]) -> str:
+        name, value = option[1].replace("-", "_"), option[2]
+        if name in FLAGS:
+            return f"{name}=True" + (f" {value}" if value else "")
+        if value is None:
+            return name
+        if "=" in value:
+            return f"{name}={json.dumps(dict(pair.split('=', 1) for pair in value.split(',')))}"
+        bare = value[0].isdigit() or (len(value) == 1 and value.isupper())  # a number, or what stands for one
+        return f"{name}={value if bare else '|'.join(map(json.dumps, value.split('|')))}"
+
+    return OPTION.sub(argument, says)
 
 
 def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:

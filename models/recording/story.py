@@ -261,7 +261,7 @@ def _draw_marks(out: _Drawing, ball: Ball) -> None:
     ]
     style: dict[str, Any] = {"radii": -1.6, "colors": TARGET_COLOUR, "draw_order": 40.0}
     rows = out.per_shot([0 if xy is None else 2 for xy in targets])
-    out.send("top/told", rr.LineStrips2D, style, {"strips": [bar for pair in bars for bar in pair]}, rows)
+    out.send("top/target", rr.LineStrips2D, style, {"strips": [bar for pair in bars for bar in pair]}, rows)
     pairs = [None if a is None or s.stopped is None else (a, s.stopped) for a, s in zip(targets, scenes, strict=True)]
     known = np.array([pair for pair in pairs if pair is not None]).reshape(-1, 2, 2)
     data = {"origins": known[:, 0], "vectors": known[:, 1] - known[:, 0]}

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from robot.learning.loop import LearningConfig
 
 CUE_FORMAT, EMULATED_FORMAT = "billiard-hidden-cue/1", "billiard-emulated/1"
+OTHER_CONSTANTS = "an emulated table or launcher with other constants"
 HIDDEN_STREAM = 7  # stream of random numbers, separate from that of the scenes
 
 
@@ -235,9 +236,9 @@ def _check_hidden(folder: Path, stand: EmulatedRig) -> None:
     from robot.learning.history import read_json
 
     then = read_json(path, EMULATED_FORMAT)
-    for key, word in (("hidden", "emulated table or launcher"), ("repeats", "number of repeats")):
+    for key, word in (("hidden", OTHER_CONSTANTS), ("repeats", "another number of repetitions")):
         if then.get(key) != now[key]:
-            raise BadInput(f"{folder}: was started with another {word}; use the same, or name another folder")
+            raise BadInput(f"{folder}: its series was begun with {word}; use the same, or name another folder")
     for name in ("hidden.toml", "hidden_cue.json"):  # they exist once the series has ended
         (folder / name).unlink(missing_ok=True)
 

@@ -38,7 +38,7 @@ def _metres(name: str, metavar: str, low: float, high: float, text: str, *, requ
 
 @dataclass(frozen=True)
 class TableSize:
-    """What must be known of the table and its balls [m]."""
+    """Options of the table and its balls [m]."""
 
     table_name: str | None = given("--table", "NAME|LxW", TABLE_HELP)
     length: float | None = given(_metres("length", "L", 0.3, 6.0, "Length, nose to nose [m].", required=False))
@@ -47,10 +47,10 @@ class TableSize:
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
 
     def known(self) -> tuple[Table, float]:
-        """The table, and the diameter of its balls [m]; BadInput where something is missing or does not fit."""
+        """The table, and the diameter of its balls [m]; BadInput if a size is missing or contradicts another."""
         if self.table_name is not None:
             if self.length is not None or self.width is not None:
-                raise BadInput("--table gives length and width: leave out --length and --width")
+                raise BadInput("--table includes length and width: omit --length and --width")
             found = table_set(self.table_name, self.diameter, None, self.no_pockets)
             return found.table, found.ball.diameter
         from models.shot import Table
@@ -61,36 +61,36 @@ class TableSize:
                 f'{", ".join(missing)} missing: give them in metres, or the table by name: --table "pool 8 ft"'
             )
         if self.length < self.width:
-            raise BadInput(f"--length {self.length:g} is less than --width {self.width:g}: exchange them")
+            raise BadInput(f"--length {self.length:g} is less than --width {self.width:g}: exchange the two")
         return Table(self.length, self.width, not self.no_pockets), self.diameter
 
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """A board from which the lens is taken: its counts as text, sizes [m], where it was filmed."""
+    """Options of a calibration board: counts as text, sizes [m], its film."""
 
     board: str | None = given(
-        "--board", "9x6|charuco:8x11", "Take the lens from a chessboard by its inner corners, or from a ChArUco board "
-        "by its squares.",
+        "--board", "9x6|charuco:8x11", "Calibrate the lens with a chessboard, counted by inner corners, or a ChArUco "
+        "board, counted by squares.",
     )  # fmt: skip
     square: float | None = given(_metres("square", "S", 0.002, 0.5, "Side of the board's squares [m].", required=False))
     board_marker: float | None = given(
         _metres("board-marker", "M", 0.001, 0.5, "Side of a ChArUco board's markers [m].", required=False)
     )
-    lens: Path | None = given("--lens", "VIDEO", "Where the board was filmed; by default VIDEO.", FILE_PATH)
+    lens: Path | None = given("--lens", "VIDEO", "Film of the board; by default VIDEO.", FILE_PATH)
 
     def words(self) -> list[object]:
-        """The same as the command line has them."""
+        """The given options as words of a command line."""
         given = {"board": self.board, "square": self.square, "board-marker": self.board_marker, "lens": self.lens}
         return [word for name, value in given.items() if value is not None for word in (f"--{name}", value)]
 
     def value(self) -> Board | None:
-        """The board; None without one."""
+        """The board, or None."""
         from sysid.vision import Board
 
         if self.board is None:
             if self.square is not None or self.lens is not None or self.board_marker is not None:
-                raise BadInput("--square, --board-marker and --lens belong to a board: give --board, such as 9x6")
+                raise BadInput("--square, --board-marker and --lens require a board: give --board, such as 9x6")
             return None
         kind, _, size = self.board.lower().rpartition(":")
         counts = size.split("x")
@@ -101,29 +101,29 @@ class BoardOptions:
                 "board's squares, such as charuco:8x11"
             )
         if self.square is None:
-            raise BadInput("--board needs --square: give the side of its squares in metres, such as 0.03")
+            raise BadInput("--board requires --square: give the side of its squares in metres, such as 0.03")
         if (self.board_marker is None) == (kind == "charuco"):
             raise BadInput(
-                "--board charuco needs --board-marker: give the side of its markers in metres, such as 0.022"
+                "--board charuco requires --board-marker: give the side of its markers in metres, such as 0.022"
                 if kind
-                else f"--board-marker belongs to a ChArUco board: write --board charuco:{size}"
+                else f"--board-marker requires a ChArUco board: write --board charuco:{size}"
             )
         return Board(int(counts[0]), int(counts[1]), self.square, self.board_marker)
 
 
 @dataclass(frozen=True)
 class CameraView:
-    """What is known of the picture: field of view, where the nose lines cross, which cushions are seen."""
+    """Options of the picture: field of view, crossings of the nose lines, cushions in view."""
 
     fov: float | None = given(
         "--fov", "DEG", "Field of view across the picture's longer side, if known.", Number(3, 150, unit="degrees")
     )
     corners: str | None = given(
-        "--corners", '"u,v u,v u,v u,v"', "Where about the nose lines cross [pixels] if not found; with three sides "
-        "in view, four points along them.",
+        "--corners", '"u,v u,v u,v u,v"', "Approximate crossings of the nose lines [pixels], if they are not found; "
+        "with three sides in view, four points along them.",
     )  # fmt: skip
-    hold: bool = given("--hold", "", "Keep the corners given to some pixels, and fit the rest.", bool)
-    click: bool = given("--click", "", "Click these corners in a browser; prints them as --corners takes them.", bool)
+    hold: bool = given("--hold", "", "Keep the given corners within some pixels, and fit the rest.", bool)
+    click: bool = given("--click", "", "Click these corners in a browser; prints them in the form of --corners.", bool)
     sees: str = given("--sees", "SIDES", "Cushions in view.", str, "+x,-x,+y,-y")
 
     marker_size: float | None = given(
@@ -140,21 +140,21 @@ class CameraView:
         return sides
 
     def hints(self) -> CameraHints:
-        """As the calibration takes them."""
+        """The options as hints for the calibration."""
         from sysid.vision import CameraHints
 
         hints = CameraHints(self.fov, corners=self.crossings(), hold=self.hold, sees=self.sides())
         return hints if self.marker_size is None else replace(hints, marker_size=self.marker_size)
 
     def crossings(self) -> NDArray[np.float64] | None:
-        """Where the nose lines cross, (4, 2) [pixels]."""
+        """The given crossings of the nose lines, (4, 2) [pixels]."""
         import numpy as np
 
         from models.shot import RAIL_NAMES
 
         at_most_one(click=self.click, corners=self.corners)
         if self.hold and (len(self.sides()) < len(RAIL_NAMES) or not (self.click or self.corners)):
-            raise BadInput("--hold: goes with --corners or --click, all four sides in view")
+            raise BadInput("--hold: requires --corners or --click, and all four sides in view")
         if self.corners is None:
             return None
         try:
@@ -166,9 +166,9 @@ class CameraView:
         return points
 
     def next_command(self, refused: NoCamera | FoundCamera, out: Path) -> str:
-        """What to type next where no camera was found, or one that is not to be trusted.
+        """The command to type next if no camera was found, or one that is not to be trusted.
 
-        Corners first; where they were given and edges found, they hold; where none go with them, others.
+        Asks for corners first; keeps them with --hold if they were given and edges were found; else asks for others.
         """
         from sysid.vision import NoCamera
 
@@ -194,11 +194,11 @@ class CameraView:
 
 @dataclass(frozen=True)
 class Files:
-    """Where the camera goes, and the picture and figures where asked."""
+    """Options of the output files."""
 
-    out: Path = given(out_option("CAM.toml", "Where the camera file goes."))
+    out: Path = given(out_option("CAM.toml", "File for the camera."))
     report_file: Path | None = given(
-        output_option("report", "CAM.png", "Draw the model of the table over the picture, its corners magnified.")
+        output_option("report", "CAM.png", "Draw the calibrated table over the picture, with its corners magnified.")
     )
     json_file: Path | None = given(json_option)
 
@@ -216,8 +216,8 @@ def calibrate(
     """Calibrate a camera from the table itself, or from a board.
 
     VIDEO is a video, a picture, or a folder of pictures of the table; several of one camera are calibrated together.
-    Writes the camera file: lens, position and direction. Status 1 if the result is not to be trusted. Then, and where
-    no camera is found, a picture beside CAM.toml shows what was seen, and the command to type next is printed.
+    Writes the camera file: lens, position and direction. Status 1 if the result is not to be trusted. In that case, and
+    if no camera is found, a picture beside CAM.toml shows what was seen, and the command to type next is printed.
 
     Example: sysid calibrate table.mp4 --table snooker --out cam.toml
     """
@@ -226,7 +226,7 @@ def calibrate(
 
     (table_known, diameter), hints, pattern = size.known(), view.hints(), board.value()
     if pattern is not None and view.fov is not None:
-        raise BadInput("--fov and --board both give the focal length: give one of them")
+        raise BadInput("--fov and --board both determine the focal length: give one of them")
     progress("reading")
 
     def click_at(line: str) -> None:
@@ -256,7 +256,7 @@ def calibrate(
         print(f"report: {picture}")
     if files.json_file:
         write_json(files.json_file, found.to_json())
-    # The last: doctor takes a camera that is there for a calibration that came to its end.
+    # Last, because doctor takes an existing camera file for a complete calibration.
     if found.doubts:
         print(f"next: {view.next_command(found, files.out)}")
     write_camera(files.out, found.camera)

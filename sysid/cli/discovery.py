@@ -163,7 +163,8 @@ class _Printed:
 
         self._progress.close()
         for one in found.rounds[self._rounds :]:
-            print(table(round_rows(one)) + "\n")
+            acting = ", ".join(effect.name() for effect in one.base.model.effects)
+            print(f"candidates for a model of {acting}:\n{table(round_rows(one))}\n")
         self._rounds = len(found.rounds)
 
     def step(self, found: DiscoveryResult) -> None:

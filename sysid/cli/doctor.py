@@ -44,23 +44,23 @@ class FilmedTable:
     no_pockets: bool = given("--no-pockets", "", "The table has no pockets.", bool)
     corners: str | None = given("--corners", '"u,v u,v u,v u,v"', "Approximate crossings of the nose lines [pixels].")
     click: bool = given("--click", "", "Click these corners in a browser.", bool)
-    hold: bool = given("--hold", "", "Keep the corners given to some pixels, and fit the rest.", bool)
+    hold: bool = given("--hold", "", "Keep the given corners within some pixels, and fit the rest.", bool)
     fov: float | None = given(
         "--fov", "DEG", "Field of view across the picture's longer side, if known.", Number(3, 150, unit="degrees")
     )
-    fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
+    fps: float | None = given("--fps", "F", "Frame rate [1/s], if the video does not state it.", ABOVE_ZERO)
     palette_file: Path | None = given(palette_option)
     mass: float | None = given(mass_option)
 
     def words(self) -> list[object]:
-        """Table and balls as `sysid calibrate` takes them; BadInput where they are not known."""
+        """Table and balls as words for `sysid calibrate`; BadInput if they are not known."""
         table_set(self.table_name, self.diameter, self.mass, self.no_pockets)
         words: list[object] = ["--table", self.table_name]
         words += ["--diameter", self.diameter] if self.diameter is not None else []
         return words + ["--no-pockets"] * self.no_pockets
 
     def of_camera(self) -> list[object]:
-        """What is known of the camera, as `sysid calibrate` takes it."""
+        """The options of the camera, as words for `sysid calibrate`."""
         words: list[object] = []
         for option, value in (("--corners", self.corners), ("--fov", self.fov)):
             words += [option, value] if value is not None else []
@@ -111,7 +111,7 @@ def doctor(
         if _step(context, calibrate, words) and not accept_camera:
             camera.unlink(missing_ok=True)
             print(f"stopped: the camera is not to be trusted; look at {folder / CAMERA_PICTURE}")
-            print(f"to go on all the same: {typed_again('--accept-camera', without={})}")
+            print(f"to continue nevertheless: {typed_again('--accept-camera', without={})}")
             return Status.FINDING
     result_folder(folder)
     words = [*videos, "--camera", camera, "--out", clips, "--sheet", folder / SHEET_FILE]
@@ -129,7 +129,7 @@ def doctor(
         return status
     status = _step(context, discover, [clips, "--out", folder / FOUND_FOLDER, "--overwrite"])  # of fewer films
     progress.close()
-    print(f"\nexamined: open {folder / FOUND_FOLDER / 'report.html'} in a browser")
+    print(f"\ndone: open {folder / FOUND_FOLDER / 'report.html'} in a browser")
     return status
 
 

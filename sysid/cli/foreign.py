@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,11 +33,17 @@ class ReadingOptions:
     """What is known of the files; anything not given is inferred from the tracks."""
 
     unit: str | None = given("--unit", "U", "m, cm, mm, in or ft.", click.Choice(["m", "cm", "mm", "in", "ft"]))
-    origin: str | None = given("--origin", "AT", "Where x and y are 0.", click.Choice(["centre", "corner"]))
-    x_along: str | None = given("--x-along", "SIDE", "Side that x runs along.", click.Choice(["length", "width"]))
+    origin: str | None = given(
+        "--origin", "AT", "Where x and y are 0: centre or corner of the table.", click.Choice(["centre", "corner"])
+    )
+    x_along: str | None = given(
+        "--x-along", "SIDE", "Side that x runs along: length or width.", click.Choice(["length", "width"])
+    )
     y: str | None = given("--y", "WAY", Y_HELP, click.Choice(["up", "down"]))
     turned: bool = given("--turned", "", "x and y count from the table's other end: half a turn.", bool)
-    time: str | None = given("--time", "UNIT", "Unit of times.", click.Choice(TIME_UNITS))
+    time: str | None = given(
+        "--time", "UNIT", "Unit of times: seconds, frames, milliseconds or microseconds.", click.Choice(TIME_UNITS)
+    )
     fps: float | None = given("--fps", "F", "Frame rate of the film [1/s].", ABOVE_ZERO)
     struck: str | None = given("--struck", "BALL", "Ball that the cue strikes; by default the one that moves first.")
     running: bool = given("--running", "", "A track that begins with a ball in motion does not show the strike.", bool)
@@ -117,6 +124,8 @@ def import_(
         print(line)
     for line in found.assumed:
         print(f"assumed: {line}")
+    if camera is not None and math.isfinite(camera.place_sd_m):
+        print(f"positions are known to {1e3 * camera.place_sd_m:.2g} mm rms, by the camera's calibration")
     picture = picture_file or out.with_name(out.name + ".png")
     write_whole(picture, tracks_png(clip_set, found.says[0]), parents=True)
     print(f"picture: {picture}", flush=True)

@@ -30,21 +30,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Filmed:
-    """Videos of one camera with what is known of them."""
+    """Options of the videos of one camera."""
 
     videos: tuple[str, ...] = given(click.argument("videos", metavar="VIDEO...", nargs=-1, required=True))
     camera_file: Path = given(camera_option(required=True))
-    fps: float | None = given("--fps", "F", "Frames taken in a second, where the video does not say so.", ABOVE_ZERO)
+    fps: float | None = given("--fps", "F", "Frame rate [1/s], if the video does not state it.", ABOVE_ZERO)
     exposure: float | None = given(
         "--exposure",
         "S",
-        "Exposure of a frame [s]; by default estimated from the sweep of moving balls.",
+        "Exposure of a frame [s]; by default estimated from the blur of moving balls.",
         ABOVE_ZERO,
     )
     readout: float | None = given(
         "--readout",
         "S",
-        "Time from a picture's first row to its last, 0 for a global shutter; by default as the camera file says.",
+        "Time from a frame's first row to its last [s], 0 for a global shutter; by default as in the camera file.",
         ZERO_OR_MORE,
     )
     palette_file: Path | None = given(palette_option)
@@ -54,23 +54,23 @@ class Filmed:
 
 @dataclass(frozen=True)
 class TrackOutputs:
-    """What tracking writes."""
+    """Options of the output files."""
 
     out: Path = given("--out", "CLIPS", "Folder for the clip set; clips join those of finished videos.", FILE_PATH,
                       required=True)  # fmt: skip
-    force: bool = given("--force", "", "Replace a clip set that is there.", bool)
+    force: bool = given("--force", "", "Replace an existing clip set.", bool)
     json_file: Path | None = given(json_option)
     rrd_file: Path | None = given(rrd_option)
     preview: Path | None = given("--preview", "DIR", "Folder for a picture of each clip.", FILE_PATH)
-    sheet_file: Path | None = given(output_option("sheet", "SHEET.png", "Draw a contact sheet: a row a shot."))
+    sheet_file: Path | None = given(output_option("sheet", "SHEET.png", "Draw a contact sheet, a row for each shot."))
 
     def check(self) -> None:
-        """Refuse before the work what could not be written after it."""
+        """Raise BadInput before the work for what could not be written after it."""
         if self.preview and self.preview.exists() and not self.preview.is_dir():
-            raise BadInput(f"{self.preview}: is a file; name a folder for the pictures of clips")
+            raise BadInput(f"{self.preview}: is a file; name a folder for the pictures")
 
     def draw(self, film: TrackedFilm, progress: Progress) -> None:
-        """Pictures and recording of a film where asked."""
+        """Write pictures and recording of a film on request."""
         if self.preview:
             written = film.write_pictures(self.preview, progress)
             progress.close()
@@ -90,9 +90,9 @@ class TrackOutputs:
 def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live) -> int:
     """Track the balls of videos of one camera, and write their shots as a clip set.
 
-    VIDEO is a video, a folder of pictures, or a pattern of their names (%04d or *). Reads each and the camera file, and
-    writes a clip for each shot, named by video and time. Videos that the clip set holds already are not read again.
-    With --live each frame is shown with the balls found in it. Status 1 if the tracks are not to be trusted.
+    VIDEO is a video, a folder of pictures, or a pattern of their names (%04d or *). Writes a clip for each shot, named
+    by video and time. Videos whose clips are in the clip set already are not read again. With --live each frame is
+    shown with the balls found in it. Status 1 if the tracks are not to be trusted.
 
     Example: sysid track match.mp4 --camera cam.toml --out CLIPS
     """
@@ -104,9 +104,9 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
     context, several = click.get_current_context(), len(films.named) > 1
     context.with_resource(alone_in(outputs.out))
     if outputs.rrd_file and several:
-        raise BadInput("--rrd: records one video; give one video, or leave it out")
+        raise BadInput("--rrd: records a single video; give one, or omit --rrd")
     if live.live and filmed.scheduler is not None:
-        raise BadInput("--live shows what this machine tracks; leave it out, or leave --scheduler out")
+        raise BadInput("--live shows tracking on this machine only; omit it, or omit --scheduler")
     camera = read_camera(filmed.camera_file)
     tell_doubts(filmed.camera_file, camera.doubts)
     taken = Taken.of(
@@ -124,7 +124,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
             refused.append(one.refused)
             print(f"left out: {one.refused}\n" * several, end="")
         elif one.film is None:
-            print(f"{one.name}: its clips are in {outputs.out}, kept; track it anew with --force")
+            print(f"{one.name}: its clips in {outputs.out} are kept; track it anew with --force")
         else:
             print("\n".join(one.film.lines()))
             outputs.draw(one.film, progress)

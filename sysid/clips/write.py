@@ -23,6 +23,9 @@ from models.errors import BadInput, one_line
 from models.files import read_document
 from models.files.faults import Faults, shown
 from models.files.writing import unwritable
+from models.pocket_shape import POCKET_SETS
+from models.presets import TABLE_SETS
+from models.shot import Table
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault
@@ -57,7 +60,7 @@ def texts_of(clip_set: ClipSet) -> dict[str, str]:
 
 def _settings(clip_set: ClipSet) -> str:
     sections: dict[str, dict[str, Any]] = {
-        "table": asdict(clip_set.table),
+        "table": asdict(clip_set.table) | {"pockets": _pockets(clip_set.table)},
         "ball": asdict(clip_set.ball),
         "camera": {"fps": clip_set.fps} | ({} if clip_set.sigma is None else {"sigma": clip_set.sigma}),
     }
@@ -80,6 +83,13 @@ def _settings(clip_set: ClipSet) -> str:
         others = {key: value for key, value in clip.extra.items() if key not in known}
         text += "\n[[clip]]\n" + assignments({**entry, **others})
     return text
+
+
+def _pockets(table: Table) -> Any:
+    """The entry for a table's pockets: a name where one stands for them, that of the table's own size first."""
+    names = [name for name, shapes in POCKET_SETS.items() if shapes == table.pockets]
+    own = [name for name in names if TABLE_SETS[name].table.length == table.length]
+    return (own or names)[0] if names else asdict(table)["pockets"]
 
 
 def assignments(table: Mapping[str, Any]) -> str:

@@ -66,12 +66,12 @@ def verdict_lines(judged: Diagnosis, unexplained: Mapping[str, Any] | None) -> l
     if seen.doubtful:
         lines.append(f"did not converge, and give no verdict: {', '.join(seen.doubtful)}")
     if not seen.base.converged:
-        lines.append("the base itself did not converge: take this as a hint, not as a verdict")
+        lines.append("the base model itself did not converge: this is a hint, not a verdict")
     return lines
 
 
 def _distant_rivals(seen: Screening) -> str:
-    """That one candidate alone was fitted, and what is predicted for the next."""
+    """States that only one candidate was fitted, and the prediction for the next."""
     rest = unfitted(seen)
     if not rest:
         return "no other candidate was close enough to be fitted"
@@ -96,7 +96,7 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
     if unexplained["form"]:
         lines.append(f"as a formula: {unexplained['form']}")
     if unexplained.get("alike"):
-        lines.append(f"these clips hardly tell it from: {'; '.join(unexplained['alike'])}")
+        lines.append(f"these clips hardly distinguish it from: {'; '.join(unexplained['alike'])}")
     if unexplained["terms"]:
         lines.append(f"to add it: {NEW_EFFECT_COMMAND}")
     elif not unexplained["form"]:
@@ -114,12 +114,12 @@ def shot_lines(shots: Sequence[NextShot]) -> list[str]:
         ]
     if shots:
         count = "this shot" if len(shots) == 1 else f"these {len(shots)} shots"
-        lines.append(f"after {count} the chance to take one model for another is below {_percent(shots[-1].doubt)}")
+        lines.append(f"after {count} the probability of confusing two models is below {_percent(shots[-1].doubt)}")
     return lines
 
 
 def _percent(chance: float) -> str:
-    """A chance, rounded up."""
+    """A probability, rounded up."""
     return f"{max(math.ceil(1000.0 * chance) / 10.0, 0.1):g} %"
 
 
@@ -149,7 +149,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
     lines += list(dict.fromkeys(found.parts.excluded))
     if found.pruned:
-        lines.append(f"added in an early round, and not kept in the end: {', '.join(found.pruned)}")
+        lines.append(f"added in an early round, but dropped in the end: {', '.join(found.pruned)}")
     lines += list(dict.fromkeys(line for r in found.rounds for line in confounded_lines(r)))
     doubtful = sorted({n for r in found.rounds for n in r.doubtful} - set(found.verdict))
     if doubtful:
@@ -157,7 +157,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     refuted = sorted(found.refuted - set(found.verdict))
     if refuted:
         lines.append(
-            f"explains the clips used, but follows those held out worse, and so is not named: {', '.join(refuted)}"
+            f"explains the clips used but predicts the held-out clips worse, and so is not named: {', '.join(refuted)}"
         )
     if not found.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
@@ -165,7 +165,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
 
 
 def stability_lines(found: DiscoveryResult) -> list[str]:
-    """How often the verdict returns on other draws of the clips, and what would be named beside it or in its place."""
+    """How often the verdict returns on other draws of the clips, and what is selected beside it or instead."""
     seen = found.stability
     if seen is None:
         return []
@@ -183,7 +183,7 @@ def stability_lines(found: DiscoveryResult) -> list[str]:
 
 
 def table_lines(found: DiscoveryResult) -> list[str]:
-    """What a picture of another scale, or longer one way than the other, says of a table that was measured wrong."""
+    """What an image of the wrong scale or aspect implies for the stated sizes of the table."""
     model = found.last.model
     values, table, stated = model.parameters(), model.as_played().table, model.table
     if not {"image_scale", "image_aspect"} & set(found.verdict):
@@ -191,21 +191,21 @@ def table_lines(found: DiscoveryResult) -> list[str]:
     scale, aspect = values.get("image_scale.stretch", 0.0), values.get("image_aspect.aspect", 0.0)
     length, width = (size * (1 + scale) * (1 + sign * aspect) for size, sign in ((table.length, 1), (table.width, -1)))
     return [
-        f"the cushions are seen {length:.4f} m by {width:.4f} m apart, not {stated.length:g} m by "
-        f"{stated.width:g} m as clips.toml has it: measure the table again; if the picture is right, write what was "
-        "measured into clips.toml and run this again, since friction is wrong by as much"
+        f"the cushions appear {length:.4f} m by {width:.4f} m apart, not {stated.length:g} m by "
+        f"{stated.width:g} m as in clips.toml: measure the table again; if the tape confirms the picture, correct "
+        "clips.toml and repeat this command, since friction is wrong by the same share"
     ]
 
 
 def ladder_table(found: DiscoveryResult) -> str:
-    """The models' rms misses as a table, and what the noise alone leaves to hold them against."""
+    """The models' rms misses as a table, and the miss that noise alone leaves, for comparison."""
     rows: list[tuple[str, ...]] = [("model", "miss mm", "held out mm", "chi2")]
     rows += [(name, *_misses_mm(fitted), f"{fitted.chi2:.3f}") for name, fitted in labelled_models(found)]
     return f"{table(rows)}\n{noise_line(found.parts.noise)}"
 
 
 def noise_line(noise: float) -> str:
-    """What misses are, and what noise of so much per axis [m] alone leaves."""
+    """What a miss is, and the miss that noise alone leaves; `noise` per axis [m]."""
     return (
         f"miss: rms distance from the measured to the modelled ball; the tracker's noise alone, {noise * 1e3:.3f} mm "
         f"an axis, leaves {MISS_OVER_AXIS * noise * 1e3:.3f} mm"
@@ -213,6 +213,6 @@ def noise_line(noise: float) -> str:
 
 
 def _misses_mm(fitted: FittedModel) -> tuple[str, str]:
-    """Rms miss in the clips used and in those held out [mm]; nothing where there is none."""
+    """Rms miss of the clips used and of those held out [mm]; empty without any."""
     used, held_out = (f"{1e3 * miss:.3f}" if np.isfinite(miss) else "" for miss in (fitted.miss, fitted.held_miss))
     return used, held_out

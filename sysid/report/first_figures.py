@@ -1,7 +1,7 @@
-"""The figures that a report opens with: what the model lacks, that which explains most first.
+"""The figures that a report opens with: what the model lacks, the largest cause first.
 
-In: comparisons of the poorest model and the best. Out: `FirstFigure`s: the table from above always, and of motion and
-of impacts the curve that explains more than it.
+In: comparisons of the poorest model and the best. Out: `FirstFigure`s: always the table from above, and for motion
+and impacts the curve that explains more than the table does.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class FirstFigure:
 
 
 def first_figures(comparisons: Sequence[tuple[str, Comparison]]) -> list[FirstFigure]:
-    """What the first model lacks and what the last does, the one beside the other; none without comparisons."""
+    """What the first model and the last lack, side by side; none without comparisons."""
     if not comparisons:
         return []
     (name, comparison), (last, best) = comparisons[0], comparisons[-1]

@@ -1,4 +1,4 @@
-"""What a fitted model says about the table, the balls and the camera, in plain words for people who own them.
+"""What a fitted model says about the table, the balls and the camera, in plain words for their owner.
 
 In: a fitted `Model` with its estimates. Out: `HealthLine`s, each a constant beside typical values and a verdict.
 
@@ -57,6 +57,7 @@ class HealthLine:
     determined: bool  # whether the clips determine it well enough for a verdict
     beside: str = "typical"  # what it stands beside
     constant: str = ""  # its name in the model
+    brief: str = ""  # for a headline, where measurement and verdict fit into a few words
 
     def text(self) -> str:
         """As one line, without the source."""
@@ -82,7 +83,7 @@ class Finding:
 
 
 def health(model: Model) -> list[HealthLine]:
-    """A line for every constant that was fitted and that something is known of, those with a verdict first."""
+    """A line for every fitted constant with a known range or meaning, those with a verdict first."""
     if not model.fitted.get("converged", False):
         return []
     found = []
@@ -97,7 +98,7 @@ def health(model: Model) -> list[HealthLine]:
 
 
 def health_lines(model: Model) -> list[str]:
-    """The same in words, and what these clips do not determine; for the terminal and result.json."""
+    """The lines in words, and what these clips do not determine; for the terminal and result.json."""
     if model.fitted and not model.fitted.get("converged", False):
         return [NOT_CONVERGED_LINE]
     lines = health(model)
@@ -138,13 +139,16 @@ def _size(name: str, found: Finding) -> HealthLine:
     elif off.significant:
         more = f"{abs(off.value) * 1e3:.1f} mm {'more' if off.value > 0 else 'less'}"
         verdict = f"{more} than stated: measure it again, and correct {key} in clips.toml"
+        if name != BALL_DIAMETER:
+            share = 100 * abs(off.value) / stated
+            verdict += f"; if the stated {key} is right, the camera's scale is off by {share:.2g} %: calibrate it again"
     measured = _measured(found.value, found.sd, "m")
-    source = "clips.toml, as well as a tape or a caliper measures"
+    source = "clips.toml, within the error of a tape or a caliper"
     return HealthLine(what, measured, f"{stated:g} m", source, verdict, determined, "stated")
 
 
 def _met_nearer(model: Model) -> float:
-    """How much less the noses are apart as played, at 7R/5, than noses of the height that was found [m]."""
+    """By how much noses at the played height, 7R/5, are closer together than at the height found [m]."""
     sine = NOSE_SINE + float(model.parameters().get("nose_height.change", 0.0))
     return (math.sqrt(1.0 - sine**2) - NOSE_COSINE) * model.as_played().ball.diameter
 
@@ -210,21 +214,24 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
         measured = _measured(abs(found.value) * 1e3, found.sd * 1e3, "mm/m")
         determined = found.narrower_than(2 * limit)
         towards = f"{'+' if found.value > 0 else '-'}{letter}"
-        clear = abs(found.value) - INTERVAL_SDS * found.sd > limit
+        clear, brief = abs(found.value) - INTERVAL_SDS * found.sd > limit, ""
         if not determined:
             verdict = UNDETERMINED
         elif clear:
             lift = f"{abs(found.value) * size * 1e3:.1f} mm"
             verdict = f"downhill towards {towards}: raise that end by {lift}"
+            brief = f"{towards} {('end', 'side')[axis]} {lift} low"
             if axis == 0:
                 verdict += "; nap along the table looks alike, so check with a level first"
+                brief += " (nap along the table looks alike: check with a level)"
         elif abs(found.value) + INTERVAL_SDS * found.sd < limit:
             verdict = "level, as fitters aim at"
         else:
             verdict = f"at the limit, downhill towards {towards}: check with a level"
         return HealthLine(
-            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict, determined
-        )
+            what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict,
+            determined, brief=brief,
+        )  # fmt: skip
 
     return judge
 
@@ -260,7 +267,7 @@ def _worn(found: Finding) -> HealthLine:
     if found.significant and placed:
         more = "more" if found.value > 0 else "less"
         verdict = (
-            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls are braked "
+            f"within {radius:.2f} m of x = {x:.2f}, y = {y:.2f} m rolling balls slow down "
             f"{abs(100 * found.value):.2g} % {more} than elsewhere: look for wear, dirt or a seam there"
         )
     measured = _measured(100 * found.value, 100 * found.sd, "%")

@@ -77,7 +77,7 @@ def write_report(
         title: its heading.
         comparisons: (label, comparison), from the poorest model to the best; of several, the first stands beside it.
         ladder: models that come between them; one with a comparison's label stands in its place.
-        notes: lines shown on top, or folded below a verdict.
+        notes: lines shown on top, or folded below the verdict.
         rounds: of candidates for what is missing.
         verdict: of a discovery.
         unexplained: what no effect explains, as result.json has it.
@@ -133,14 +133,14 @@ def _charts(comparisons: Sequence[tuple[str, Comparison]], last: Comparison) -> 
 
 
 def _cards(comparison: Comparison) -> list[tuple[str, str]]:
-    """The figures that a person asks for first."""
+    """The main figures, shown first."""
     medians = comparison.summary()
     held = sum(c.held_out for c in comparison.clips)
     found = [
         (str(len(comparison.clips)), f"clips, {held} of them held out" if held else "clips"),
         (number(len(comparison.samples.time)), "samples compared"),
         (millimetres(comparison.noise_m), "noise, one standard deviation per axis"),
-        (millimetres(comparison.slow_noise.sd or math.nan), "in it, what tracks wander about smooth paths"),
+        (millimetres(comparison.slow_noise.sd or math.nan), "part of it: wander of tracks about smooth paths"),
         (millimetres(medians["struck_rms_median_m"]), "struck ball, rms miss over a shot, median"),
         (millimetres(medians["struck_rms_median_held_out_m"]), "the same, held-out clips only"),
         (millimetres(medians["mujoco_struck_rms_median_m"]), "struck ball, the same constants in MuJoCo"),

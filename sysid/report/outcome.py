@@ -1,6 +1,6 @@
-"""What a discovery leaves in its folder: model.toml, result.json, report.html and review.rrd.
+"""The files of a discovery: model.toml, result.json, report.html and review.rrd.
 
-In: a `DiscoveryResult`. Out: files, each written by the module of this room that knows its form; nothing is worded.
+In: a `DiscoveryResult`. Out: files in its folder, each written by the module of this room that knows its format.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def write_outcome(
     progress.close()
     last = compared[-1][1]
     write_model(last.model, out / "model.toml")
-    told = result_of(found, elapsed, compared) | {"camera_doubts": list(camera_doubts(clip_set))}
-    write_json(str(out / "result.json"), told)
+    result = result_of(found, elapsed, compared) | {"camera_doubts": list(camera_doubts(clip_set))}
+    write_json(str(out / "result.json"), result)
     write_discovery(out / "report.html", clip_set, found, [*compared, *with_formula])
     write_rrd(out / "review.rrd", compared, between)
     return last

@@ -1,4 +1,4 @@
-"""Shots to be played back in the page: where balls were seen, and by how much each model misses them.
+"""Shots for playback in the page: measured positions, and each model's misses.
 
 In: comparisons of the same clips. Out: plain values, which scripts/report.js draws. Numbers are small integers, tenths
 of a millimetre and milliseconds, each the difference from the one before, so that a hundred shots stay within a
@@ -31,9 +31,9 @@ NO_BALL = -32768  # where a model has no ball
 
 
 def playback(comparisons: Sequence[tuple[str, Comparison]]) -> dict[str, Any] | None:
-    """All shots of the last comparison, with misses of the first and the last; None without any.
+    """All shots of the last comparison, with the misses of the first and the last; None without shots.
 
-    The shot that shows most goes first: whose miss changes most from the one to the other, or the worst of one alone.
+    The most instructive shot comes first: the one whose miss changes most, or for a single comparison the worst.
     """
     if not comparisons or not comparisons[-1][1].tracks:
         return None
@@ -66,7 +66,7 @@ def _finite(value: float) -> float:
 
 
 def _moving(seen: Observation) -> NDArray[np.int64]:
-    """Samples that are kept of a ball before thinning: all, or the first and the last of one that rests."""
+    """Indices of a ball's samples before thinning: all, or the first and the last if it rests."""
     good = np.flatnonzero(np.isfinite(seen.xy).all(axis=1))
     if len(good) > 1 and np.ptp(seen.xy[good], axis=0).max() < MOVED_M:
         return good[[0, -1]]
@@ -74,7 +74,7 @@ def _moving(seen: Observation) -> NDArray[np.int64]:
 
 
 def _balls(shot: Clip, tracks: Sequence[Track], stride: int) -> list[dict[str, Any]]:
-    """Every ball that was seen: its colour, times, places and the models' misses."""
+    """Every measured ball: its colour, times, positions and the models' misses."""
     found = []
     for name, seen in shot.balls.items():
         kept = _moving(seen)

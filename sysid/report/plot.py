@@ -1,6 +1,6 @@
-"""Plots of tracks: all of a clip set over its table, and one shot with its speeds and how far models miss it.
+"""Plots of tracks: all of a clip set over its table, and one shot with its speeds and the models' misses.
 
-In: a clip set, or a clip and the tracks that models give it. Out: a PNG.
+In: a clip set, or a clip and the models' tracks of it. Out: a PNG.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def tracks_png(clip_set: ClipSet, title: str) -> bytes:
 
 
 def shot_png(clip: Clip, table: Table, ball: Ball, models: Sequence[tuple[str, Track]] = ()) -> bytes:
-    """One shot from above, its balls' speeds over time, and by how much each model misses them."""
+    """One shot from above, its balls' speeds over time, and each model's misses."""
     return png(*shot_figure(clip, table, ball, models), DPI)
 
 
@@ -112,7 +112,7 @@ def _misses(ax: Any, clip: Clip, moving: Sequence[str], models: Sequence[tuple[s
 
 
 def _at(track: Track, name: str, time: Array) -> Array:
-    """Places (n, 2) of a model's ball at times (n,); NaN where it has none."""
+    """Positions (n, 2) of a model's ball at times (n,); NaN where it has none."""
     if name not in track.names:
         return np.full((len(time), 2), np.nan)
     place = track.position[:, track.names.index(name)]
@@ -120,7 +120,7 @@ def _at(track: Track, name: str, time: Array) -> Array:
 
 
 def _speeds(time: Array, xy: Array) -> Array:
-    """Speeds (n,) of a track, places (n, 2) at times (n,), by straight lines through some samples each."""
+    """Speeds (n,) of a track with positions (n, 2) at times (n,), by linear fits to a few samples each."""
     half = SPEED_SAMPLES // 2
     speed = np.full(len(time), np.nan)
     for k in range(half, len(time) - half):

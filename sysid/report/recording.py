@@ -1,7 +1,7 @@
 """Comparisons as a Rerun recording: measured balls, and those of every model of a ladder, shot after shot.
 
-The shot that shows most goes first: where the miss changes most from the first model to the last, or the largest miss
-of a single one. The others keep the order of the clip set.
+The most instructive shot comes first: the one whose miss changes most from the first model to the last, or for a
+single model the largest. The others keep the order of the clip set.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ def write_rrd(
     path: str | Path, compared: Sequence[tuple[str, Comparison]], between: Ladder = (),
     films: Sequence[Film] | None = None,
 ) -> str:  # fmt: skip
-    """Write the recording, whole or not at all; what of films went in, in words, "" for none.
+    """Write the recording, whole or not at all; returns in words which films it includes, "" for none.
 
     Args:
         path: the recording.
         compared: comparisons of the same clips with their labels; the last is the model that is shown.
         between: further models, between the first and the last of `compared`.
-        films: of the clips; None: those that are found where they were tracked, or beside the clip set.
+        films: of the clips; by default those found where they were tracked, or beside the clip set.
     """
     tracks = [
         (name, {clip.file: track for clip, track in zip(one.shots, one.tracks, strict=True)}) for name, one in compared
@@ -53,7 +53,7 @@ def write_rrd(
 
 
 def write_measured(path: str | Path, clip_set: ClipSet, films: Sequence[Film]) -> str:
-    """The same of clips without any model, in their order."""
+    """Write the recording of clips without a model, in their order."""
     reviews = [
         Review(clip.file, {name: (seen.time, seen.xy) for name, seen in clip.balls.items()}, note=clip.note)
         for clip in clip_set.clips
@@ -62,7 +62,7 @@ def write_measured(path: str | Path, clip_set: ClipSet, films: Sequence[Film]) -
 
 
 def found_films(clip_set: ClipSet) -> Sequence[Film]:
-    """The films of a clip set that lie where it says, or beside it; none where one is not the film that was tracked."""
+    """The films of a clip set, at the stated place or beside it; none if one is not the film that was tracked."""
     if not clip_set.extra.get("videos"):
         return ()
     from sysid.vision import films_of
@@ -74,7 +74,7 @@ def found_films(clip_set: ClipSet) -> Sequence[Film]:
 
 
 def _ordered(compared: Sequence[Comparison]) -> list[Clip]:
-    """The clips of the last comparison, the one that shows most first."""
+    """The clips of the last comparison, the most instructive first."""
     misses = [{row.file: row.rms_m for row in one.clips} for one in compared]
 
     def shown(clip: Clip) -> float:

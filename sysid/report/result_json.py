@@ -83,9 +83,9 @@ def judgement_json(
 
 
 def _shots_json(shots: Sequence[NextShot]) -> dict[str, Any]:
-    """The next shot by itself, and all of the sequence."""
-    told = [shot.to_dict() for shot in shots]
-    return {"next_shot": told[0] if told else None, "next_shots": told}
+    """The next shot, and the whole sequence."""
+    entries = [shot.to_dict() for shot in shots]
+    return {"next_shot": entries[0] if entries else None, "next_shots": entries}
 
 
 def engines_json(comparison: Comparison) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The shots to film next, from above: where the balls lie, and how they run in the model that was found.
+"""The shots to film next, from above: the balls' positions, and their paths in the model that was found.
 
 In: `NextShot`s and the model. Out: `ShotPicture`s, shapes in pixels that templates/shot.svg.j2 draws.
 """

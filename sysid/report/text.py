@@ -20,7 +20,7 @@ MAX_NOISE_RATIO = 1.1  # rms over noise above which whole shots are not followed
 
 
 def in_words(comparison: Comparison) -> list[str]:
-    """Departures, the most significant first, what the error depends on, and whether the residuals are white."""
+    """Departures, the most significant first; what the error depends on; whether the residuals are white."""
     found, white = comparison.local, comparison.white
     lines = [d.where[0].upper() + d.where[1:] + "." for d in found.named]
     for of, words in RESIDUAL_KINDS.items():
@@ -33,7 +33,7 @@ def in_words(comparison: Comparison) -> list[str]:
             )
     if not found.named:
         lines = [
-            f"Nothing stands out: none of {found.tests} groups departs by more than chance explains among as many, "
+            f"Nothing stands out: none of {found.tests} groups departs by more than chance explains among so many, "
             f"with noise of {comparison.noise_m * 1e3:.2f} mm."
         ]
         if white.samples and white.ratio > MAX_NOISE_RATIO:
@@ -55,7 +55,8 @@ def engines_line(comparison: Comparison) -> str:
     here, there = (f"{1e3 * s[k]:.3f} mm" for k in ("rms_median_m", "mujoco_rms_median_m"))
     if not comparison.mujoco:
         return f"rms miss of all balls over a clip, played in MuJoCo, median: {there}"
-    return f"of all balls, median: {here} in the event engine, {there} with the same constants in MuJoCo"
+    both = f"{here} in the event engine, {there} with the same constants in MuJoCo"
+    return f"rms miss of all balls over a clip, median: {both}"
 
 
 def held_out_line(comparison: Comparison, rate: float) -> str:

@@ -1,4 +1,4 @@
-"""A discovery in a headline and four lines: what is missing, how much it explains, how certain, what to do next.
+"""A discovery in a headline and four lines: what is missing, how much it explains, how certain it is, what to do next.
 
 In: a `DiscoveryResult`. Out: a `Verdict`, for the terminal, the report and Python. The headline is for the table's
 owner: each effect by the first words of its file, with what its constants say of the table.
@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from models.contract import described
 from models.effect import Effect
@@ -22,6 +24,7 @@ from sysid.selection.screening import Screening
 MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached
 CERTAIN_BIC = 10.0  # "very strong" evidence (Kass and Raftery 1995), of an effect that
 CERTAIN_SHARE = 0.95  # of the draws of the clips find: it is certain then
+IMAGE_QUANTITIES = ("image_x", "image_y")  # of formulas: what the camera shows, not what balls do
 FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
 
 
@@ -36,7 +39,7 @@ class Verdict:
     next_step: str
 
     def lines(self) -> tuple[str, str, str, str, str]:
-        """The headline, and four sentences, each after what it is of."""
+        """The headline, and four labelled sentences."""
         return (
             self.headline, f"missing: {self.missing}", f"size: {self.size}", f"certainty: {self.certainty}",
             f"next: {self.next_step}",
@@ -49,19 +52,27 @@ def verdict_of(found: DiscoveryResult) -> Verdict:
 
 
 def _headline(found: DiscoveryResult) -> str:
-    """What a table's owner wants to know, in his own terms."""
+    """The result in the words of a table's owner."""
     parts = [
         f"{_plain_name(found, name)} ({_how_sure(found, name)}){_of_the_table(found, name)}" for name in found.verdict
     ]
     if found.unexplained is not None:
-        what = "Something that no known effect explains"
-        parts.append(f"{what}: {found.unexplained['where']}")
-    told = ". ".join(parts) or "These clips show nothing that the model lacks"
-    return told if found.converged else f"{told}. The fit did NOT converge: this is a hint"
+        parts.append(f"Something that no known effect explains: {_located(found.unexplained)}")
+    headline = ". ".join(parts) or "These clips show nothing that the model lacks"
+    return headline if found.converged else f"{headline}. The fit did NOT converge: this is a hint"
+
+
+def _located(rest: Mapping[str, Any]) -> str:
+    """Where something unexplained is, and how large, where that is a length on the table."""
+    if rest["unit"] == "m":
+        return f"{rest['where']}, {millimetres(rest['size'])}{' rms' if 'rms' in rest['what'] else ''}"
+    return (
+        f"{rest['where']}, {1e3 * abs(rest['size']):.2g} mm per m" if rest["unit"] == "m per m" else str(rest["where"])
+    )
 
 
 def _plain_name(found: DiscoveryResult, name: str) -> str:
-    """What an effect is, by the first words of its file."""
+    """An effect in words, the first of its file."""
     says = described(type(_effect(found, name)))["says"]
     return re.split(r"[:.]\s", says, maxsplit=1)[0].rstrip(".:")
 
@@ -80,10 +91,10 @@ def _how_sure(found: DiscoveryResult, name: str) -> str:
 
 
 def _of_the_table(found: DiscoveryResult, name: str) -> str:
-    """What its constants say of the table; nothing where that is not known."""
+    """What its constants mean for the table; "" if that is not known."""
     lines = [line for line in health(found.model) if line.constant.startswith(f"{name}.") and line.determined]
-    told = [f"{line.what} {line.measured}, {line.verdict}" for line in lines]
-    return f": {'; '.join(told)}" if told else ""
+    meanings = [line.brief or f"{line.what} {line.measured}, {line.verdict}" for line in lines]
+    return f": {'; '.join(meanings)}" if meanings else ""
 
 
 def _missing(found: DiscoveryResult) -> str:
@@ -99,7 +110,7 @@ def _missing(found: DiscoveryResult) -> str:
 
 
 def _with_values(found: DiscoveryResult, name: str) -> str:
-    """An effect with the constants that it has."""
+    """An effect with its constants."""
     model, effect = found.model, _effect(found, name)
     values = []
     for key, meta in effect.parameters().items():
@@ -154,8 +165,11 @@ def _over_next(seen: Screening) -> str:
 def _next_step(found: DiscoveryResult) -> str:
     """What to do now."""
     if found.unexplained is not None and found.unexplained["terms"]:
-        return f"add what is outside the catalogue as an effect: {NEW_EFFECT_COMMAND}"
+        add = f"add what is outside the catalogue as an effect: {NEW_EFFECT_COMMAND}"
+        if all(term["door"] in IMAGE_QUANTITIES for term in found.unexplained["terms"]):
+            return f"calibrate the camera again, as what is left is in its picture and not on the table; or {add}"
+        return add
     shot = found.next_shot
     if shot is not None:
-        return f"film {shot.in_words()}: {shot.why}"
-    return "plan shots in this model; film more clips to see what these do not show"
+        return f"film this shot {shot.why}: {shot.in_words()}"
+    return "plan shots with this model; film more clips to find what these do not show"

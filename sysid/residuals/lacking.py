@@ -43,9 +43,9 @@ def lacking(comparison: Comparison, best: Comparison, like: Lacking | None = Non
 
     Args:
         comparison: of the model.
-        best: of the best model of the same clips, whose sidespins are taken: before an effect of it is known, no track
-            tells the sidespin.
-        like: what another one lacks, with which this is to be compared: the same curves are made.
+        best: of the best model of the same clips, whose sidespins are taken: until its effects are known, no track
+            determines the sidespin.
+        like: what another model lacks, for comparison: the same curves are computed.
     """
     seen, noise = comparison.impacts, comparison.noise_m
     samples = dataclasses.replace(comparison.segment_samples, spin=_sidespins(comparison.segment_samples, best))

@@ -1,4 +1,4 @@
-"""Smooth functions that residuals show: their posterior, how large and how smooth they are being told by the residuals.
+"""Smooth functions that residuals show: their posterior, with size and smoothness inferred from the residuals.
 
     y = sum_i c_i phi_i + sum_g u_g q_g + noise,   c_i ~ N(0, v_b w_i),   u_g ~ N(0, t^2),   noise ~ N(0, s^2)
 

@@ -115,7 +115,7 @@ def propose_shots(
         rivals: fits to separate it from.
         sigma: noise of the camera [m].
         why: the purpose of the shots, a text that a rival's name follows.
-        error_rate: probability of confusion to reach.
+        error_rate: probability of confusion at which the sequence ends.
         seed: for the candidate shots.
     """
     planned, clips = _played(truth, seed)
@@ -135,7 +135,7 @@ def propose_to_show(
         now: the fit.
         rows: scores of effects that it lacks.
         sigma: noise of the camera [m].
-        error_rate: probability of confusion to reach.
+        error_rate: probability of confusion at which the sequence ends.
         seed: for the candidate shots.
     """
     planned, clips = _played(now.model, seed)
@@ -293,7 +293,7 @@ def propose_next(
         now: their last fit.
         rounds: all screenings.
         verdict: named effects.
-        error_rate: probability of confusion to reach.
+        error_rate: probability of confusion at which the sequence ends.
     """
     if not rounds:
         return ()

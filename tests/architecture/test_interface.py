@@ -8,6 +8,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,10 @@ import sysid
 import sysid.vision
 from models.sheet import Presented, Sheet
 from sysid.cli.demo import EXAMPLE_FOLDER
+from sysid.sources import in_python
+from sysid.vision import write_camera
 from tests.architecture.source import ROOT
+from tests.footage.cameras import overhead
 
 
 @pytest.mark.parametrize("package", [models, sysid, sysid.vision, planner], ids=lambda p: str(p.__name__))
@@ -145,10 +149,13 @@ def test_an_inclined_cue_makes_a_ball_swerve() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [({"speed": 400.0}, "speed is 400 m/s: give 0 to 30"), ({"speed": -1.0}, "give 0 to 30"),
+     ({"balls": {"white": (5.0, 0.0)}}, r"ball 'white' at 5, 0 m is not on the table: give x within \+-1\.392 m"),
+     ({"balls": {"white": (0.0,)}}, r"ball 'white' at \(0\.0,\): give x, y"),
+     ({"balls": {"white": (0.0, 0.0), "red": (0.05, 0.0)}}, "balls 'white' and 'red' overlap: place them 0.0615 m"),
      ({"side": 10.0}, "misses the ball"), ({"elevation": 17.0}, "elevation is 17 rad"),
      ({"azimuth": np.nan}, "finite")],
 )  # fmt: skip
-def test_strokes_beyond_reason_are_refused(change: dict[str, float], says: str) -> None:
+def test_strokes_beyond_reason_are_refused(change: dict[str, Any], says: str) -> None:
     with pytest.raises(models.BadInput, match=says):
         models.simulate(MODEL, **({"speed": 1.0} | change))
 
@@ -164,6 +171,8 @@ def test_constants_and_speeds_beyond_their_bounds_are_refused() -> None:
 def test_results_show_themselves_in_a_line_or_a_short_table() -> None:
     clips, track = sysid.read_clips(EXAMPLE_FOLDER), models.simulate(MODEL, speed=1.0)
     shot = models.Shot(("cue",), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)), np.linspace(0, 9, 999))
+    scene = planner.read_scene(ROOT / "planner" / "example.toml")
+    assert repr(scene) == "<Scene of white, red, black: red into the pocket corner +x +y>"
     for one in (MODEL, clips, clips.clips[0], clips.clips[0].balls, shot, MODEL.add("speed_drag")):
         assert len(repr(one)) < 200 and "\n" not in repr(one)
     assert len(repr(track).splitlines()) < 5
@@ -187,10 +196,42 @@ def test_tracks_of_other_programs_are_read_as_by_the_command(tmp_path: Path) -> 
     assert clips.clips[0].balls["cue"].xy[-1] == pytest.approx([0.17, 0.49])
     with pytest.raises(models.BadInput, match="origin = 'middle': give 'centre' or 'corner'"):
         sysid.import_tracks(tmp_path / "a.csv", "snooker", origin="middle")
+    with pytest.raises(TypeError, match=r"import_tracks has no argument 'frames'; it has .*fps"):
+        sysid.import_tracks(tmp_path / "a.csv", "snooker", frames=60)
     pandas = pytest.importorskip("pandas")
     frame = clips.frame()
     assert isinstance(frame, pandas.DataFrame) and list(frame) == ["clip", "ball", "time", "x", "y", "theta"]
     assert len(frame) == len(clips.clips[0].balls["cue"].time)
+
+
+def test_an_import_says_what_it_assumes_and_asks_for_arguments(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the command does, but for arguments in place of options."""
+    rows = [f"{k},cue,{500 + 9 * k},{300 + 3 * k}" for k in range(40)]
+    (tmp_path / "a.csv").write_text("\n".join(["frame,ball,x,y", *rows]) + "\n")
+    with pytest.raises(models.BadInput, match=r"times count frames: give the frame rate with fps=F$"):
+        sysid.import_tracks(tmp_path / "a.csv", "snooker")
+    with pytest.raises(models.BadInput, match=r"state it with .*; if they are pixels, give camera=.CAM\.toml. \("):
+        sysid.import_tracks(tmp_path / "a.csv", "snooker", fps=60.0)
+    camera = overhead(models.Table(3.569, 1.778), 0.0525, (1920, 1080), 3.0, 4.0)
+    write_camera(tmp_path / "cam.toml", camera)
+    capsys.readouterr()
+    sysid.import_tracks(tmp_path / "a.csv", camera=tmp_path / "cam.toml", fps=60.0)
+    assert "assumed: y is taken to point down" in (said := capsys.readouterr().err) and 'give y="up"' in said
+    with pytest.raises(models.BadInput, match=r"^unit: the camera's file determines this"):
+        sysid.import_tracks(tmp_path / "a.csv", camera=tmp_path / "cam.toml", fps=60.0, unit="mm")
+
+
+def test_options_of_a_message_become_arguments() -> None:
+    says = (
+        "give --unit mm|cm, --x-along length|width, --y up or --turned, or --camera CAM.toml, "
+        "--columns t=NAME,ball=NAME; correct --table"
+    )
+    assert in_python(says) == (
+        'give unit="mm"|"cm", x_along="length"|"width", y="up" or turned=True, or camera="CAM.toml", '
+        'columns={"t": "NAME", "ball": "NAME"}; correct table'
+    )
 
 
 def test_data_frames_are_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:

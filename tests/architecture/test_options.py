@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
+
 import planner.cli.verbs
 import robot.cli.verbs
 import sysid.cli.verbs
@@ -46,3 +48,19 @@ def test_options_that_are_named_exist() -> None:
         if option not in options
     ]
     assert not wrong, "\n".join(wrong)
+
+
+def test_help_names_what_may_be_chosen() -> None:
+    """Each value that an option takes stands in its help, or in the word for its value."""
+    silent = [
+        f"{program.name} {verb.name} {option.opts[0]}: {choice}"
+        for program in PROGRAMS
+        for verb in program.commands.values()
+        for option in verb.params
+        if isinstance(option, click.Option) and isinstance(option.type, click.Choice)
+        for choice in map(str, option.type.choices)
+        if not re.search(
+            rf"(?<!\w){re.escape(choice)}(?!\w)", f"{option.help} {option.metavar or '|'.join(option.type.choices)}"
+        )
+    ]
+    assert not silent, "\n".join(silent)

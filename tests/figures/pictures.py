@@ -1,4 +1,4 @@
-"""`python -m tests.figures.pictures out/demo/report.html`: the pictures of README.md and docs/tour.md, from a report.
+"""`python -m tests.figures.pictures out/demo/report.html`: the pictures of docs/tour.md, from a report.
 
 The machine's Chromium draws the page; its figures are taken out of it as SVG: the shot that it opens with and the error
 of every model side by side, and what the base lacks over the cloth beside what the mended model does.

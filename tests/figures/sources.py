@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.figures.pages import ROOT
+from tests.figures.real_shot import real_shot
 
 AXES = math.sqrt(2)  # a distance over an error per axis
 Figures = dict[str, str]
@@ -49,14 +50,16 @@ def drying(folder: Path) -> Figures:
 
 
 def match(folder: Path) -> Figures:
-    """Of `sysid discover CAROM --out folder`: of whole shots held out."""
+    """Of `sysid discover CAROM --out folder`: of whole shots held out, and of the one that README's picture shows."""
+    shot = real_shot(folder / "report.html")
     result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     base, mended = (result["whole_shots"][k] for k in (0, -1))
     return {
         "base": f"{1e3 * base['struck_rms_median_held_out_m']:.0f} mm",
         "mended": f"{1e3 * mended['struck_rms_median_held_out_m']:.0f} mm",
         "segments": f"{mended['segment_ratio_median']:.1f}", "time": f"{result['elapsed_s'] / 60:.0f} minutes",
-        "inside_band": f"{100 * mended['held_out_coverage']:.0f} %",
+        "inside_band": f"{100 * mended['held_out_coverage']:.0f} %", "held_out": f"{shot.held_out}",
+        **{f"shot_{name}": f"{miss:.0f} mm" for name, miss in zip(("base", "found"), shot.misses_mm, strict=True)},
     }  # fmt: skip
 
 

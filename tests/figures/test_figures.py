@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from models.errors import BadInput
 from robot.learning.summary import figures
 from tests.figures.__main__ import entered
 from tests.figures.pages import ROOT, filled, pages, read_figures, unmarked_cells, unmarked_quantities, used
+from tests.figures.real_shot import picture, real_shot
 from tests.figures.sources import AXES, READERS, REPORTS, agree, short, unlike
 from tests.support.series_samples import COURSE, story
 
@@ -111,15 +113,46 @@ def test_a_match_and_films_are_read_from_their_results(tmp_path: Path) -> None:
     write_json(
         tmp_path / "result.json", {"elapsed_s": 610.0, "ladder": rungs, "whole_shots": whole, "parameters": slope}
     )
+    (tmp_path / "report.html").write_text(report_of_shots(), encoding="utf-8")
     read = READERS["match"](tmp_path)
     assert set(read) == set(SOURCES["match"]["figures"])
     assert (read["base"], read["mended"], read["segments"]) == ("116 mm", "95 mm", "2.0")
     assert (read["inside_band"], read["time"]) == ("93 %", "10 minutes")
+    assert (read["held_out"], read["shot_base"], read["shot_found"]) == ("3", "61 mm", "45 mm")
     assert READERS["films_found"](tmp_path) == {
         "slope": "1.6 +- 0.3 mm/m", "miss": "29.3 to 23.8 mm", "miss_held_out": "52.1 to 51.8 mm"
     }  # fmt: skip
     write_json(tmp_path / "result.json", {"ladder": rungs, "whole_shots": [], "parameters": {}})
     assert "slope" not in READERS["films_found"](tmp_path)
+
+
+def test_the_picture_shows_the_median_shot_as_filmed_and_by_both_models(tmp_path: Path) -> None:
+    report = tmp_path / "report.html"
+    report.write_text(report_of_shots(), encoding="utf-8")
+    drawn = picture(real_shot(report))
+    assert "Base model: rms miss 61 mm" in drawn and "Model that was found: rms miss 45 mm" in drawn
+    paths = [path for path in re.findall(r'<path class="(\w+)" d="M([\d. L]+)"', drawn) if "L" in path[1]]
+    assert [kind for kind, _ in paths] == ["seen", "before", "seen", "after"]
+    starts = [float(points.split()[0]) for _, points in paths]
+    assert starts[1] - starts[0] == pytest.approx(61 * (starts[3] - starts[2]) / 45, abs=0.5)
+    assert "prefers-color-scheme:dark" in drawn
+    report.write_text("<p>nothing</p>", encoding="utf-8")
+    with pytest.raises(ValueError, match="no report with shots"):
+        real_shot(report)
+
+
+def report_of_shots() -> str:
+    """A report with a shot used and three held out, of a ball that rolls 2 m."""
+
+    def shot(name: str, held: bool, before_mm: int, after_mm: int) -> dict[str, Any]:
+        miss = [[[10 * mm] * 3, [0] * 3] for mm in (before_mm, after_mm)]
+        ball = {"name": "white", "colour": "rgb(250,250,240)", "t": [0, 600, 600], "x": [-9000, 9000, 9000],
+                "y": [0, 0, 0], "miss": miss}  # fmt: skip
+        return {"name": name, "held": held, "misses": [f"{before_mm} mm", f"{after_mm} mm"], "balls": [ball]}
+
+    shots = [shot("a", False, 9, 8), shot("b", True, 20, 20), shot("c", True, 61, 45), shot("d", True, 30, 300)]
+    player = {"table": [2.84, 1.42], "radius": 0.03, "shots": shots}
+    return f'<script type="application/json" id="figures">{json.dumps({"charts": [], "player": player})}</script>'
 
 
 def test_make_knows_it() -> None:

@@ -56,6 +56,33 @@ def play(pair: Pair, fault: str | None) -> int:
 PROGRAM = Program("game", "A game.", {"Section": (play,)})
 
 
+def test_what_is_missing_is_asked_for_at_once(capsys: pytest.CaptureFixture[str]) -> None:
+    """With the example of the verb's help."""
+
+    @click.command()
+    @click.argument("films", metavar="VIDEO...", nargs=-1, required=True)
+    @click.option("--table", metavar="NAME", required=True)
+    @click.option("--out", metavar="DIR", required=True)
+    def examine(films: tuple[str, ...], table: str, out: str) -> None:
+        """Examine.
+
+        Example: game examine a.mp4 --table snooker --out out/a
+        """
+
+    program, shown = (
+        Program("game", "A game.", {"Section": (examine,)}),
+        "game examine a.mp4 --table snooker --out out/a",
+    )
+    for words, absent in (
+        (["a.mp4"], "--table NAME, --out DIR"), (["a.mp4", "--table=x"], "--out DIR"),
+        (["--table", "x", "--out", "b"], "VIDEO..."),
+    ):  # fmt: skip
+        assert run(program, ["examine", *words]) == 2
+        assert capsys.readouterr().err == f"game examine: missing {absent}; give it as in: {shown}\n"
+    assert run(PROGRAM, ["play"]) == 2
+    assert capsys.readouterr().err == "game play: missing --high H; see game play --help\n"
+
+
 def test_options_reach_the_verb_as_one_value(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(PROGRAM, ["play", "--high", "-2", "--flag"]) == 1
     assert capsys.readouterr().out == f"{Pair(1.0, -2.0, True)}\n"

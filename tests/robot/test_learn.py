@@ -323,10 +323,10 @@ def test_a_folder_is_one_series(tmp_path: Path) -> None:
     assert read_model(folder / "start.toml").parameters() == MODEL.parameters()
     other_map = dataclasses.replace(MAP, constants=TRUE)
     for change, says in (
-        ({"seed": 1}, "another seed"), ({"every": 5}, "another every"), ({"balls": 3}, "another balls"),
-        ({"chosen": 0}, "another chosen"),
-        ({"model": MODEL.with_values({"decoupled_cloth.roll": 0.01})}, "another model"),
-        ({"cueing_map": other_map}, "another map"),
+        ({"seed": 1}, "another seed"), ({"every": 5}, "another number of shots between refits"),
+        ({"balls": 3}, "another number of balls"), ({"chosen": 0}, "another number of chosen shots"),
+        ({"model": MODEL.with_values({"decoupled_cloth.roll": 0.01})}, "another start model"),
+        ({"cueing_map": other_map}, "another cueing map"),
     ):  # fmt: skip
         with pytest.raises(BadInput, match=says):
             begin(folder, dataclasses.replace(COURSE, **change))

@@ -154,8 +154,9 @@ def test_a_folder_goes_on_with_its_own_series_alone(
     assert (folder / "story.rrd").stat().st_mtime_ns > recorded
     before = contents(folder)
     for change, says in (
-        (("--seed", 1), "another seed"), (("--repeats", 4), "another number of repeats"),
-        (("--effect", "air_drag"), "another emulated table or launcher"), (("--every", 5), "another every"),
+        (("--seed", 1), "another seed"), (("--repeats", 4), "another number of repetitions"),
+        (("--effect", "air_drag"), "an emulated table or launcher with other constants"),
+        (("--every", 5), "another number of shots between refits"),
     ):  # fmt: skip
         said = run("--out", folder, *words, *change)
         assert said.status == 2 and len(said.err.splitlines()) == 1 and says in said.err, said

@@ -98,7 +98,7 @@ def test_a_series_is_shown_while_it_is_played(watched: tuple[Path, list[Any], li
     assert [len(rows) for rows in series(first["/plot/miss"], "Scalars:scalars").values()] == [1]
     lines = [row[0] for row in column(second["/log/shot"], "TextLog:text")]
     assert [line[:6] for line in lines] == ["shot 1", "shot 2", "shot 2"], "what was played before is shown first"
-    targets = series(second["/top/told"], "LineStrips2D:strips")
+    targets = series(second["/top/target"], "LineStrips2D:strips")
     for shot in story.shots:
         assert np.mean(targets[shot.number][-1], axis=(0, 1)) == pytest.approx(shot.planned_end, abs=1e-5)
     plan = json.loads(plan_file(folder, 2).read_text())

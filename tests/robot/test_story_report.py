@@ -224,7 +224,7 @@ def test_notes_over_the_picture_do_not_overlap() -> None:
 def test_the_recording_holds_ways_and_places_of_every_shot(recorded: dict[str, list[Any]]) -> None:
     story = sample_story()
     planned, played = (series(recorded[f"/top/{who}/white"], "LineStrips2D:strips") for who in ("planned", "played"))
-    told, stopped = series(recorded["/top/told"], ":strips"), series(recorded["/top/stopped"], "Ellipses2D:centers")
+    told, stopped = series(recorded["/top/target"], ":strips"), series(recorded["/top/stopped"], "Ellipses2D:centers")
     arrows = series(recorded["/top/miss"], "Arrows2D:vectors")
     for shot in story.shots:
         k = shot.number

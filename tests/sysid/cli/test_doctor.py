@@ -81,7 +81,7 @@ def test_it_names_the_command_that_goes_on_with_a_camera_in_doubt(
     monkeypatch.setattr(doctor, "calibrate", stand_in("calibrate", int(Status.FINDING), "camera", called))
     words = ["doctor", "a b.mp4", "--table", "8ft", "--out", str(tmp_path / "out")]
     assert main(words) == 1
-    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("to go on all the same: "))
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("to continue nevertheless: "))
     assert shlex.split(line.partition(": ")[2])[1:] == [*words, "--accept-camera"]
 
 

@@ -36,7 +36,7 @@ def test_balls_of_another_size_weigh_as_much_more() -> None:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (TableSize(table_name="8ft", length=2.0), "leave out --length"),
+        (TableSize(table_name="8ft", length=2.0), "omit --length"),
         (TableSize(length=2.0), "--width, --diameter missing"),
         (TableSize(length=1.0, width=2.0, diameter=0.05), "exchange"),
         (TableSize(table_name="2x1"), "give --ball-diameter"),

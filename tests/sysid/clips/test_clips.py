@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.pocket_shape import POCKET_SETS
+from models.presets import TABLE_SETS
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, check_clip_set, read_clip_set, write_clip_set
 from tests.support.clip_samples import ROWS, contents, edit, make, refusal
@@ -265,6 +266,18 @@ def test_pockets_by_name_and_by_measure(folder: Path, tmp_path: Path, name: str)
     wide = replace(POCKET_SETS[name], corner=replace(POCKET_SETS[name].corner, mouth=mouth + 0.002))
     write_clip_set(replace(named, table=replace(named.table, pockets=wide)), tmp_path / "wide")
     assert read_clip_set(tmp_path / "wide").table.shapes.corner.mouth == pytest.approx(mouth + 0.002)
+
+
+@pytest.mark.parametrize("name", ["pool 9 ft", "pool 8 ft", "pool 7 ft", "carom", "snooker"])
+def test_a_table_by_name_is_written_with_pockets_that_a_person_can_read(
+    folder: Path, tmp_path: Path, name: str
+) -> None:
+    """Not with twelve numbers such as 0.11588749999999999."""
+    known = TABLE_SETS[name].table
+    write_clip_set(replace(read_clip_set(folder), table=known), tmp_path / "again")
+    wanted = {"carom": "false", "snooker": "true"}.get(name, f'"{name}"')
+    assert f"pockets = {wanted}\n" in (tmp_path / "again/clips.toml").read_text()
+    assert read_clip_set(tmp_path / "again").table == known
 
 
 # Clock

@@ -148,7 +148,7 @@ def test_a_worn_patch_is_named_by_its_place() -> None:
     patch = WornPatch(x=0.55, y=-0.2, radius=0.35)
     place = {"worn_patch__x": (0.55, 0.01), "worn_patch__y": (-0.2, 0.01), "worn_patch__radius": (0.35, 0.02)}
     (line,) = health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **place))
-    assert line.verdict.startswith("within 0.35 m of x = 0.55, y = -0.20 m rolling balls are braked 90 % more")
+    assert line.verdict.startswith("within 0.35 m of x = 0.55, y = -0.20 m rolling balls slow down 90 % more")
     assert health(fitted((patch,), worn_patch__roll=(-0.1, 0.1), **place))[0].verdict == UNDETERMINED
     anywhere = place | {"worn_patch__y": (-0.2, math.nan)}
     assert health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **anywhere))[0].verdict == UNDETERMINED
@@ -176,7 +176,8 @@ def test_a_table_that_was_measured_wrong_is_told_in_plain_words() -> None:
     lines = health_lines(fitted(**{name.replace(".", "__"): pair for name, pair in sizes.items()}))
     assert lines == [
         "table, length from nose to nose: 3.55830 ± 0.00040 m (stated: 3.569 m): 10.7 mm less than stated: measure it "
-        "again, and correct length in clips.toml",
+        "again, and correct length in clips.toml; if the stated length is right, the camera's scale is off by 0.3 %: "
+        "calibrate it again",
         "table, width from nose to nose: 1.77850 ± 0.00040 m (stated: 1.778 m): as stated",
         f"{UNDETERMINED}: balls, diameter",
     ]

@@ -166,7 +166,7 @@ def test_a_verdict_comes_first_and_its_lines_are_folded(tmp_path: Path) -> None:
         text.index(part) for part in ("It slopes.", "table_tilt.", "the miss falls.", "film a shot.", "a line", "cards")
     ]
     assert order[:-1] == sorted(order[:-1])
-    assert "<details><summary>All that was said" in text
+    assert "<details><summary>All messages" in text
 
 
 def test_nothing_to_show_is_said(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from sysid.selection.stability import Stability
 NOISE = 0.0005
 FORMULA = {
     "where": "rolling on the cloth", "depends_on": ["order of the clips"], "form": "deceleration: +0.05 * (order)",
-    "delta_bic": 52671.0, "terms": [{}],
+    "delta_bic": 52671.0, "terms": [{"door": "along"}], "what": "deceleration", "size": 0.05, "unit": "m/s^2",
 }  # fmt: skip
 
 
@@ -44,8 +44,8 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
 def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> None:
     shot = NextShot(CueCommand(2.0, 0.5), (-1.0, 0.2), (0.0, 0.3), 9.0, "to separate table_tilt from cloth_nap", 0.01)
     headline, missing, size, certainty, step = verdict_of(found("table_tilt", next_shot=shot)).lines()
-    slope = "slope along x 0.700 ± 0.010 mm/m, downhill towards +x: raise that end by 2.5 mm"
-    assert headline.startswith(f"A table that is not level (certain): {slope}")
+    slope = "+x end 2.5 mm low (nap along the table looks alike: check with a level)"
+    assert headline == f"A table that is not level (certain): {slope}"
     assert missing == "missing: table_tilt (slope_x 0.000700 ± 0.000010 rad, slope_y -0.0016 ± – rad)"
     assert size.startswith("size: the rms miss falls from 10.0 mm to 0.500 mm (held out 11.0 mm to 0.550 mm);")
     assert size.endswith("noise alone leaves 0.707 mm")
@@ -53,8 +53,7 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert certainty == f"certainty: {told}"
     balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
     stroke = "strike the cue ball in the middle, to 2.00 m/s, azimuth 0.500 rad (28.6 degrees)"
-    assert step.startswith(f"next: film {balls}; {stroke}:")
-    assert step.endswith("to separate table_tilt from cloth_nap")
+    assert step == f"next: film this shot to separate table_tilt from cloth_nap: {balls}; {stroke}"
 
 
 def test_nothing_missing_is_said_plainly() -> None:
@@ -78,6 +77,19 @@ def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
     assert "sysid new-effect NAME --from result.json" in said.next_step
     both = verdict_of(found("table_tilt", unexplained=FORMULA | {"form": None, "depends_on": [], "terms": []}))
     assert both.missing.endswith("rad), and beside it something outside the catalogue: rolling on the cloth")
+
+
+def test_what_is_left_has_its_size_and_a_picture_is_calibrated_again() -> None:
+    """A length on the table in its headline; a formula of the image is the camera's, before it is an effect."""
+    left = {"where": "not located", "what": "error beyond the noise, rms", "size": 1.49e-4, "unit": "m", "form": None}
+    said = verdict_of(found(unexplained=FORMULA | left | {"terms": []}))
+    assert said.headline == "Something that no known effect explains: not located, 0.149 mm rms"
+    image = {"where": "in the camera's image", "size": -4.7e-4, "unit": "m per m", "terms": [{"door": "image_x"}]}
+    said = verdict_of(found("table_tilt", unexplained=FORMULA | image))
+    assert said.headline.endswith("no known effect explains: in the camera's image, 0.47 mm per m")
+    assert said.next_step.startswith("calibrate the camera again, as what is left is in its picture") and (
+        "or add what is outside the catalogue as an effect: sysid new-effect" in said.next_step
+    )
 
 
 @pytest.mark.parametrize(
@@ -104,6 +116,6 @@ def test_what_is_left_without_a_formula_is_said_to_have_none_that_holds() -> Non
     swings = unexplained_lines(left | {"form": "x + a sine"})
     assert swings[-1] == "as a formula: x + a sine"
     alike = unexplained_lines(left | {"form": "x", "alike": ["deceleration by speed", "sliding friction by time"]})
-    assert alike[-1] == "these clips hardly tell it from: deceleration by speed; sliding friction by time"
+    assert alike[-1] == "these clips hardly distinguish it from: deceleration by speed; sliding friction by time"
     offered = unexplained_lines(left | {"form": "+0.05 * (order)", "terms": [{}]})
     assert offered[-1].startswith("to add it: sysid new-effect")

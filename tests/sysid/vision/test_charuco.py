@@ -64,7 +64,7 @@ def test_how_a_board_is_named() -> None:
     assert BoardOptions("charuco:8x11", 0.015, 0.011).value() == Board(8, 11, 0.015, 0.011)
     assert BoardOptions("9x6", 0.03).value() == Board(9, 6, 0.03)
     for options, told in (
-        (BoardOptions("charuco:8x11", 0.015), "needs --board-marker"),
+        (BoardOptions("charuco:8x11", 0.015), "requires --board-marker"),
         (BoardOptions("8x11", 0.015, 0.011), "write --board charuco:8x11"),
         (BoardOptions("aruco:8x11", 0.015, 0.011), "such as charuco:8x11"),
         (BoardOptions(None, None, 0.011), "give --board"),

@@ -49,5 +49,5 @@ def test_places_are_uncertain_in_proportion_to_the_scatter_of_edges() -> None:
 def test_what_holds_must_be_given(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "p.png"), np.zeros((80, 100, 3), np.uint8))
     words = (str(tmp_path / "p.png"), "--table", "snooker", "--out", str(tmp_path / "cam.toml"))
-    with pytest.raises(BadInput, match="--hold: goes with --corners or --click"):
+    with pytest.raises(BadInput, match="--hold: requires --corners or --click"):
         run(*words, "--hold")

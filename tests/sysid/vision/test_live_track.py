@@ -52,5 +52,5 @@ def test_workers_elsewhere_cannot_be_watched(tmp_path: Path, capsys: pytest.Capt
     write_camera(tmp_path / "c.toml", CAMERA)
     words = ["track", "v.mkv", "--camera", str(tmp_path / "c.toml"), "--out", str(tmp_path / "set")]
     assert main([*words, "--live", "--scheduler", "tcp://nowhere:1"]) == 2
-    assert "--live shows what this machine tracks; leave it out" in capsys.readouterr().err
+    assert "--live shows tracking on this machine only; omit it" in capsys.readouterr().err
     assert not (tmp_path / "set").exists()
