@@ -95,6 +95,8 @@ def unexplained_lines(unexplained: Mapping[str, Any]) -> list[str]:
     lines = [f"something else: {unexplained['where']}", depends + size]
     if unexplained["form"]:
         lines.append(f"as a formula: {unexplained['form']}")
+    if left := unexplained.get("left"):
+        lines.append(f"what it leaves: {left['where']}; {left['what']}: {left['size']:.3g} {left['unit']}")
     if unexplained.get("alike"):
         lines.append(f"these clips hardly distinguish it from: {'; '.join(unexplained['alike'])}")
     if unexplained["terms"]:

@@ -58,6 +58,8 @@ def _headline(found: DiscoveryResult) -> str:
     ]
     if found.unexplained is not None:
         parts.append(f"Something that no known effect explains: {_located(found.unexplained)}")
+        if left := found.unexplained.get("left"):
+            parts.append(f"It leaves an error: {_located(left)}")
     headline = ". ".join(parts) or "These clips show nothing that the model lacks"
     return headline if found.converged else f"{headline}. The fit did NOT converge: this is a hint"
 

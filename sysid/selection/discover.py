@@ -113,6 +113,7 @@ def _ended(
         seen = judged(plain.beside(view), view, unknowns_of_terms(formula.terms)).evidence
         described = describe(formula, now, seen)
         described |= {"rms_m": now.rms, "held_out_rms_m": now.held_rms, "chi2_reduced": now.chi2}
+        described["left"] = remainder(now)  # with the formula
         result = dataclasses.replace(result, unexplained=described, explained=now)
     else:
         others = [one for one in candidates_for(last.model) if one.name not in result.refuted]
