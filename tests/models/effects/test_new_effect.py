@@ -124,7 +124,7 @@ def test_the_verb(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     ("text", "says"),
     [("{", "is not JSON ("), ('{"unexplained": null}', "leaves nothing unexplained"), ("[]", "nothing unexplained"),
      ('{"unexplained": {"form": "odd"}}', "has no formula"), ("[" * 100_000, "correct the JSON"),
-     ("1" * 5000, "correct the JSON"), ('{"unexplained": {"terms": "drag"}}', "no list of 1 to 32 terms"),
+     ("1" * 5000, "correct the JSON"), ('{"unexplained": {"terms": "drag"}}', "no list of 1 to 64 terms"),
      ('{"unexplained": {"terms": [{"name": "x"}]}}', "a term has no name, door or factor")],
 )  # fmt: skip
 def test_results_that_cannot_be_written_as_an_effect(

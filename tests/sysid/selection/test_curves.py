@@ -1,0 +1,46 @@
+"""Curves of a formula: over a part of a range, and where the clips say nothing."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sysid.selection.formula import SparseFormula, describe
+from sysid.selection.free_forms import Span, blocks
+from sysid.selection.terms import Term, curve, only_at
+from sysid.selection.terms_read import term_from_json
+
+
+def _entry(term: Term) -> dict[str, Any]:
+    """A term as an earlier result names it."""
+    return {"name": term.name, "door": term.quantity, "factor": term.factor, "value": 0.01}
+
+
+def test_a_curve_bridges_what_the_clips_do_not_tell() -> None:
+    shape = tuple(only_at(one, "rail", 2) for one in curve("cushion_e", "along", -0.8, 0.8, 4, at_one=True))
+    assert len(shape) == 5  # all cushions together have a constant, one alone has none
+    values, names = np.array([0.04, 0.0, 0.02, 0.0, 0.0]), tuple(f"unexplained.{one.name}" for one in shape)
+    sds = dict(zip(names, (0.002, math.inf, 0.002, 0.002, 5.0), strict=True))
+    fit = SimpleNamespace(
+        names=names, constants=values, value=lambda name: (float(values[names.index(name)]), sds[name])
+    )
+    found = describe(SparseFormula(shape, (1.0,) * 5, values), fit, None)  # type: ignore[arg-type]
+    assert [one["value"] for one in found["terms"]] == pytest.approx([0.04, 0.03, 0.02, 0.0, 0.0])
+    assert found["curves"][0]["sd"] == [0.002, None, 0.002, 0.002, None]
+    assert "+0.04 at -0.8, +0.02 at 0, +0 at 0.4 m" in found["form"]
+
+
+def test_a_formula_that_leaves_something_is_refined_over_parts_of_its_range() -> None:
+    seen = {"x": Span(-1.8, 1.8), "y": Span(-0.9, 0.9)}
+    coarse, fine = (blocks(seen, {}, known) for known in ((), [("drag", "x")]))
+    assert not any(one.is_fine for one in coarse)
+    (one,) = [block for block in fine if block.is_fine]
+    assert (one.quantity, one.variables) == ("drag", ("x",)) and len(one.correlations()) > len(coarse[0].correlations())
+    narrow = [shape for family in one.shapes(seen) for shape in family if shape[0].name.startswith("drag_x_curve_64_")]
+    spans = [max(t.constants[1] for t in shape) - min(t.constants[1] for t in shape) for shape in narrow]
+    assert len(narrow) == 15 and max(spans) == pytest.approx(3.6 / 8, abs=1e-3)
+    assert all(term_from_json(_entry(t))[0].name == t.name for shape in narrow for t in shape)
