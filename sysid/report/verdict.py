@@ -173,5 +173,5 @@ def _next_step(found: DiscoveryResult) -> str:
         return add
     shot = found.next_shot
     if shot is not None:
-        return f"film this shot {shot.why}: {shot.in_words()}"
+        return f"film this shot ({shot.why}): {shot.in_words()}"
     return "plan shots with this model; film more clips to find what these do not show"

@@ -274,42 +274,62 @@ class Found(Generic[V]):
     dropped: tuple[str, ...] = ()  # effects that were added and later dropped
 
 
-def with_likelier_names(found: Found[V]) -> Found[V]:
-    """The state with an effect of the catalogue in place of a cause, if one is; unchanged otherwise.
+def with_likelier_name(found: Found[V]) -> tuple[Found[V], FittedCandidate] | None:
+    """The state with an effect of the catalogue in place of a cause, and its fit; None if there is none.
 
     In place of another effect it must be clearly likelier; of a shape, not clearly less likely: a shape is chosen where
     the fit of the effect had not found its end. Scores are those of the last fit without the cause.
     """
-    view, every = found.view, at_sizes(candidates_for(found.view.model))
+    view, formula, every = found.view, found.formula, at_sizes(candidates_for(found.view.model))
     for name in found.verdict:
-        kind = next(type(one) for one in view.model.effects if one.name() == name)
-        own = candidate(kind)
+        own = candidate(next(type(one) for one in view.model.effects if one.name() == name))
         scores = view.scores_without({one for one in view.names if one.startswith(f"{name}.")}, [*every, own])
-        if (row := _likeliest(scores, than=name, by=SEPARATED_LOG_ODDS)) is None:
-            continue
-        other, unknowns = view.stripped(name).with_effect(row).renewed(), unknowns_of(own, view.names)
-        more = likelier(view, unknowns, other, unknowns_of(row.candidate, other.names))
-        log.info("%s in place of %s: log odds %.1f", row.candidate.name, name, more)
-        if more > SEPARATED_LOG_ODDS:
-            kept = tuple(row.candidate.name if one == name else one for one in found.verdict)
-            return dataclasses.replace(found, view=other, verdict=kept, dropped=(*found.dropped, name))
-    if (formula := found.formula) is None:
-        return found
+        if row := _likeliest(scores, than=name, by=SEPARATED_LOG_ODDS):
+            less, more = view.without(name), view.stripped(name).with_effect(row).renewed()
+            fit = _fitted_instead(view, unknowns_of(own, view.names), less, more, row)
+            if fit.odds > SEPARATED_LOG_ODDS:
+                kept = tuple(row.candidate.name if one == name else one for one in found.verdict)
+                now = dataclasses.replace(found, view=more, verdict=kept, dropped=(*found.dropped, name))
+                return now, fit.candidate
+    if formula is None:
+        return None
     for group in formula.groups:
         at = next(one for one in formula.placed(view.point).groups if one[0].name == group[0].name)
         own = shape_candidates([at])[0]
         scores = view.scores_without(parameters_of(group), [*every, own])
-        if (row := _likeliest(scores, than=own.name, by=-SEPARATED_LOG_ODDS)) is None:
-            continue
-        fewer = formula.without(group, view.point)
-        less = view.stripped(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
-        other = less.with_effect(row).renewed()
-        more = likelier(view, unknowns_of_terms(group), other, unknowns_of(row.candidate, other.names))
-        log.info("%s in place of %s: log odds %.1f", row.candidate.name, group[0].group, more)
-        if more > -SEPARATED_LOG_ODDS:
-            verdict = (*found.verdict, row.candidate.name)
-            return dataclasses.replace(found, view=other, verdict=verdict, formula=fewer)
-    return found
+        if row := _likeliest(scores, than=own.name, by=-SEPARATED_LOG_ODDS):
+            fewer = formula.without(group, view.point)
+            less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
+            more = (view.stripped(EFFECT_NAME) if fewer is None else less).with_effect(row).renewed()
+            fit = _fitted_instead(view, unknowns_of_terms(group), less, more, row)
+            if fit.odds > -SEPARATED_LOG_ODDS:
+                verdict = (*found.verdict, row.candidate.name)
+                return dataclasses.replace(found, view=more, verdict=verdict, formula=fewer), fit.candidate
+    return None
+
+
+@dataclass(frozen=True)
+class _Instead:
+    """An effect that was fitted in place of a cause."""
+
+    candidate: FittedCandidate
+    odds: float  # log odds over that cause
+
+
+def _fitted_instead(view: V, unknowns: Sequence[Unknown], less: V, more: V, row: Score) -> _Instead:
+    """An effect in place of a cause of a fit.
+
+    Args:
+        view: the fit with the cause.
+        unknowns: of the cause.
+        less: the fit without either.
+        more: the fit with the effect.
+        row: its score.
+    """
+    its = unknowns_of(row.candidate, more.names)
+    odds = likelier(view, unknowns, more, its)
+    log.info("%s in place of %s: log odds %.1f", row.candidate.name, unknowns[0].name, odds)
+    return _Instead(FittedCandidate(row, more.fitted, judged(less.beside(more), more, its).evidence), odds)
 
 
 def _likeliest(scores: Scores, than: str, by: float) -> Score | None:
@@ -326,8 +346,8 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
 
     Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. When
     nothing more is likely, initial states of poorly followed shots are searched again, and only causes that are still
-    accepted are kept: a wrong initial state may look like a cause. In the end
-    each cause is compared with the effects of the catalogue.
+    accepted are kept: a wrong initial state may look like a cause. In the end each cause is compared with the effects
+    of the catalogue.
     """
     been, searched, read = [_what(found)], list[_What](), list[_What]()
     while True:
@@ -345,7 +365,11 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
                     been.clear()
             if now.view is found.view and _what(found) not in read:
                 read.append(_what(found))
-                now = with_likelier_names(found)
+                if instead := with_likelier_name(found):
+                    now, fit = instead
+                    seen = dataclasses.replace(
+                        seen, screening=dataclasses.replace(seen.screening, fits=(fit,), best=fit)
+                    )
             if now.view is found.view:
                 yield found, seen.screening
                 return

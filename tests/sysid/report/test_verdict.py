@@ -53,7 +53,7 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert certainty == f"certainty: {told}"
     balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
     stroke = "strike the cue ball in the middle, to 2.00 m/s, azimuth 0.500 rad (28.6 degrees)"
-    assert step == f"next: film this shot to separate table_tilt from cloth_nap: {balls}; {stroke}"
+    assert step == f"next: film this shot (to separate table_tilt from cloth_nap): {balls}; {stroke}"
 
 
 def test_nothing_missing_is_said_plainly() -> None:
