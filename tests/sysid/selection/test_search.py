@@ -19,7 +19,7 @@ from sysid.selection.by_windows import ByWindows
 from sysid.selection.formula import SparseFormula
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
-from sysid.selection.search import Found, next_cause, outdoes, search, without_needless
+from sysid.selection.search import Found, next_cause, outdoes, search, with_likelier_name, without_needless
 from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import candidate
 from sysid.selection.terms import library
@@ -60,6 +60,28 @@ def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     kept = without_needless(more, ("speed_drag", "side_curve"), None, Threshold(290, 0.05))
     assert kept[1:] == (("speed_drag",), None)
     assert not any(name.startswith("side_curve") for name in kept[0].names)
+
+
+def test_a_shape_that_is_the_law_of_an_effect_gets_its_name(drag: Made) -> None:
+    _, at, base = drag
+    term = next(t for t in library(base.model.table) if t.name == "drag_speed")
+    windows = ByWindows(at, base)
+    (alone,) = causes(windows.scores(shape_candidates([(term,)])))
+    formula = SparseFormula((term,), (0.0,), alone.mean, ((),))
+    instead = with_likelier_name(Found(windows.with_effect(formula.score()), (), formula))
+    assert instead is not None
+    found, fit = instead
+    assert found.verdict == ("speed_drag",) and found.formula is None and fit.name == "speed_drag"
+    assert fit.evidence.log_odds > 10.0 and with_likelier_name(found) is None
+
+
+def test_a_likelier_effect_takes_the_place_of_one_that_resembles_it(drag: Made) -> None:
+    _, at, base = drag
+    windows = ByWindows(at, base)
+    row = next(row for row in next_cause(windows).screening.scores.rows if row.candidate.name == "air_drag")
+    instead = with_likelier_name(Found(windows.with_effect(row), ("air_drag",)))
+    assert instead is not None
+    assert instead[0].verdict == ("speed_drag",) and instead[0].dropped == ("air_drag",)
 
 
 @pytest.mark.slow
