@@ -133,6 +133,6 @@ def calibrate(
         progress("looking at what is seen all the same")
         raise NoCamera(str(error), seen_table(picture, table, diameter, hints.corners, hints.marker_size)) from error
     camera = replace(
-        found.camera, place_sd_m=calibration_report.place_sd(found), sides=side_profiles([picture], found.camera)
+        found.camera, place_sd_m=calibration_report.place_sd(found)[0], sides=side_profiles([picture], found.camera)
     )
     return FoundCamera(camera, found, picture, (*notes, *view.notes, *found.notes), hints.corners)

@@ -33,6 +33,7 @@ GRID_COLOUR: Bgr = (225, 225, 225)
 BALL_COLOUR: Bgr = (0, 0, 255)
 GIVEN_COLOUR: Bgr = (255, 255, 255)
 GRID_SPACING_M = 0.25  # of the lines drawn on the plane of the balls
+MAX_SNOOKER_RADIUS_M = 0.027  # between snooker's balls, of 52.5 mm, and pool's, of 57.15 mm
 BAULK_LENGTHS = 737 / 3569  # of the baulk line from its cushion (World Snooker rules, 1), in lengths of the table
 BAULK_RADIUS_LENGTHS = 292 / 3569  # of the D
 MAX_LINE_CHARS = 140  # of text below a picture: what its width holds
@@ -167,7 +168,9 @@ def _pockets(camera: Camera) -> list[Array]:
 
 
 def _baulk(camera: Camera) -> list[Array]:
-    """The baulk line and the D of a snooker table, at its left end: (n, 3) [m] each."""
+    """The baulk line and the D of a snooker table, at its left end: (n, 3) [m] each; none on another table."""
+    if not camera.table.pockets or camera.radius > MAX_SNOOKER_RADIUS_M:
+        return []
     length, width = camera.table.length, camera.table.width
     x, angle = (BAULK_LENGTHS - 0.5) * length, np.linspace(np.pi / 2, 3 * np.pi / 2, 60)
     across = np.column_stack([np.full(60, x), np.linspace(-width / 2, width / 2, 60), np.zeros(60)])

@@ -16,7 +16,8 @@ def rows(found: Calibration) -> list[tuple[str, str]]:
     lost = 100 * (1 - found.lines.kept.mean())
     sure = f" +- {100 * found.focal_sd:.2g} %" if math.isfinite(found.focal_sd) else ""
     points = f"{found.lines.kept.sum()} on {len(sides)} sides, {lost:.0f} % left out" if found.edges else "none"
-    known = f"sd {1e3 * found.spread[0]:.2f} mm rms, {1e3 * found.spread[1]:.2f} mm at worst" if found.edges else "-"
+    rms, most = place_sd(found)
+    known = f"sd {1e3 * rms:.2f} mm rms, {1e3 * most:.2f} mm at worst" if math.isfinite(rms) else "-"
     k1_sd = found.lines.sd.get("k1", math.nan)
     k1 = f"{camera.distortion[0]:.4f}" + (f" +- {k1_sd:.4f}" if math.isfinite(k1_sd) else "")
     k2 = f", k2 {camera.distortion[1]:.4f}" if camera.distortion[1] else ""
@@ -36,11 +37,16 @@ def rows(found: Calibration) -> list[tuple[str, str]]:
     ]
 
 
-def place_sd(found: Calibration) -> float:
-    """Standard deviation of balls' places over the table, with that of the focal length: rms [m]; NaN if unknown."""
+def place_sd(found: Calibration) -> tuple[float, float]:
+    """Standard deviation of balls' places, with that of the focal length: rms over the table, and most [m].
+
+    NaN where it is not known.
+    """
     if not found.edges:
-        return math.nan
-    return math.hypot(found.spread[0], found.parallax[0] * found.apart_sd / FOCAL_ERROR)
+        return math.nan, math.nan
+    part = found.apart_sd / FOCAL_ERROR
+    rms, most = (math.hypot(sd, part * moved) for sd, moved in zip(found.spread, found.parallax, strict=True))
+    return rms, most
 
 
 def to_json(found: Calibration) -> dict[str, Any]:
@@ -53,7 +59,7 @@ def to_json(found: Calibration) -> dict[str, Any]:
         "edge": found.edge, "focal_px": camera.matrix[0, 0], "focal_from": found.focal_from,
         "focal_sd": found.focal_sd, "fov_deg": found.fov, "height_m": camera.eye[2], "tilt_deg": found.tilt,
         "distortion": camera.distortion.tolist(), "k1_sd": found.lines.sd.get("k1", math.nan),
-        "place_sd_m": {"rms": found.spread[0], "worst": found.spread[1]},
+        "place_sd_m": dict(zip(("rms", "worst"), place_sd(found), strict=True)),
         "focal_10_percent_off_m": {"rms": found.parallax[0], "worst": found.parallax[1]},
         "diamonds": len(found.diamonds.pixels), "balls": len(found.balls.radius),
         "markers": [] if found.markers is None else found.markers.numbers.tolist(),

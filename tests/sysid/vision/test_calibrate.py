@@ -12,6 +12,7 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
+from sysid.vision.camera import calibration_report
 from sysid.vision.camera.board import Board, lens_of
 from sysid.vision.camera.calibrate import CameraHints, calibrate
 from sysid.vision.camera.projection import Array, Camera, read_camera
@@ -65,6 +66,11 @@ def test_a_tilted_view_tells_the_focal_length() -> None:
     assert found.focal_sd < 0.05
     assert found.tilt == pytest.approx(np.degrees(np.arccos(-camera.axes[2, 2])), abs=0.3)
     assert rms(errors(camera, found)) < 1.0
+    apart = dataclasses.replace(found, apart_sd=0.02)  # as where something else than the sides tells the focal length
+    known = calibration_report.place_sd(apart)
+    assert known[0] > found.spread[0] and known[1] > found.spread[1]
+    assert dict(calibration_report.rows(apart))["places of balls"].startswith(f"sd {1e3 * known[0]:.2f} mm rms")
+    assert calibration_report.to_json(apart)["place_sd_m"] == {"rms": known[0], "worst": known[1]}
 
 
 @pytest.mark.slow
