@@ -25,7 +25,7 @@ from models.errors import BadInput
 from models.files.faults import closest, listed
 from models.model_file import Model
 from models.sheet import Picture, Presented, Sheet
-from models.shot import Array, Ball, Shot, Track
+from models.shot import Array, Ball, Shot, Track, largest_overlap
 from models.simulation.simulate import simulate as simulate_shots
 
 MAX_STROKE_S = 40.0  # longest duration of a stroke; a ball at 10 m/s rolls some 25 s
@@ -162,11 +162,11 @@ def _checked_places(names: Sequence[str], balls: Mapping[str, tuple[float, float
                 f"ball {name!r} at {place[0]:g}, {place[1]:g} m is not on the table: give x within "
                 f"+-{limits[0]:.3f} m and y within +-{limits[1]:.3f} m of its centre"
             )
-        for other, there in zip(names[:k], places[:k], strict=True):
-            if np.hypot(*(place - there)) < model.ball.diameter - PLACE_ROUNDING_M:
-                raise BadInput(
-                    f"balls {other!r} and {name!r} overlap: place them {model.ball.diameter:g} m apart or more"
-                )
+    depth, i, j = largest_overlap(places, model.ball)
+    if depth > PLACE_ROUNDING_M:
+        raise BadInput(
+            f"balls {names[i]!r} and {names[j]!r} overlap: place them {model.ball.diameter:g} m apart or more"
+        )
     return places
 
 

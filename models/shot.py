@@ -8,6 +8,7 @@ counter-clockwise from above (right side).
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -149,3 +150,13 @@ class Track:
     def __repr__(self) -> str:
         """Its balls and times in a line, not its arrays."""
         return f"<Track of {', '.join(self.names)}: {len(self.times)} times, {len(self.events)} events>"
+
+
+def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
+    """Largest overlap [m] of two balls at (n, 2) [m], negative for a gap, and their indices."""
+    if len(position) < 2:
+        return -math.inf, 0, 0
+    one, other = np.triu_indices(len(position), 1)
+    distance = np.hypot(*(position[other] - position[one]).T)
+    k = int(distance.argmin())
+    return ball.diameter - float(distance[k]), int(one[k]), int(other[k])

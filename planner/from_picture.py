@@ -18,8 +18,8 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files.faults import closest, listed
-from models.shot import Array, Ball, Table
-from planner.scene import FORMAT, Scene, largest_overlap, pocket_name, pocket_of, scene_from, separate_overlaps
+from models.shot import Array, Ball, Table, largest_overlap
+from planner.scene import FORMAT, Scene, pocket_name, pocket_of, scene_from, separate_overlaps
 from sysid.clips import read_clip_set
 from sysid.clips.choose import chosen_clip
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES

@@ -27,7 +27,7 @@ from models.files.decode import Allowed, Place, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
 from models.files.limits import excess
 from models.presets import named_table
-from models.shot import Array, Ball, Table
+from models.shot import Array, Ball, Table, largest_overlap
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
 
@@ -139,16 +139,6 @@ def separate_overlaps(position: Array, table: Table, ball: Ball) -> Array:
         np.add.at(out, one, -shift)
         np.add.at(out, other, shift)
     return out
-
-
-def largest_overlap(position: Array, ball: Ball) -> tuple[float, int, int]:
-    """Largest overlap [m] of two balls at (n, 2) [m], negative for a gap, and their indices."""
-    if len(position) < 2:
-        return -math.inf, 0, 0
-    one, other = np.triu_indices(len(position), 1)
-    distance = np.hypot(*(position[other] - position[one]).T)
-    k = int(distance.argmin())
-    return ball.diameter - float(distance[k]), int(one[k]), int(other[k])
 
 
 def read_scene(path: Path | str) -> Scene:

@@ -25,7 +25,7 @@ from models.mjcf.launcher import SLATE_IMPEDANCE, attach_launcher
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.mjcf.world import build_spec
 from models.model_file import Model
-from models.shot import Array, Ball, Table
+from models.shot import Array, Ball, Table, largest_overlap
 
 
 def export(
@@ -78,9 +78,8 @@ def _check(model: Model, names: Sequence[str], xy: Array) -> None:
             raise BadInput(
                 f"ball {name!r} at {at.round(3).tolist()} is not on the table; use fewer balls, or a larger table"
             )
-    gaps = np.linalg.norm(xy[:, None] - xy, axis=-1) + np.eye(len(xy))
-    if len(xy) > 1 and gaps.min() < model.ball.diameter:
-        i, j = divmod(int(gaps.argmin()), len(names))
+    depth, i, j = largest_overlap(xy, model.ball)
+    if depth > 0.0:
         raise BadInput(f"balls {names[i]!r} and {names[j]!r} overlap; place them apart, or use smaller ones")
 
 

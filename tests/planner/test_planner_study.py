@@ -17,13 +17,13 @@ import pytest
 import planner.cli
 from models.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
-from models.shot import Ball, Table
+from models.shot import Ball, Table, largest_overlap
 from models.workers import open_workers
 from planner.cli.study import StudyOptions
 from planner.cli.study import study as cli_study
 from planner.evaluation.play import Player
 from planner.launcher.stroke import LauncherModel
-from planner.scene import POCKETS, largest_overlap, read_scene, scene_dict, scene_from
+from planner.scene import POCKETS, read_scene, scene_dict, scene_from
 from planner.search.candidates import all_routes
 from planner.study import folder as study_folder
 from planner.study.draws import (
