@@ -294,11 +294,12 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
         centre = weight @ np.array([p for p, _ in places]) / weight.sum()
         where = f"on the cloth around x = {centre[0]:.2f} m, y = {centre[1]:.2f} m"
         place["place_m"] = [float(v) for v in centre]
-    sd_of = {t: s if s <= t.width else math.inf for t, s in zip(found.terms, sds, strict=True)}
+    sd_of = {
+        t: math.inf if t.kind == kinds.HAT and not s <= t.width else s for t, s in zip(found.terms, sds, strict=True)
+    }
     value_of = dict(zip(found.terms, values, strict=True))
-    if fitted is not None:
-        for group in found.groups:
-            value_of |= _bridged(group, value_of, sd_of)
+    for group in found.groups:
+        value_of |= _bridged(group, value_of, sd_of)
     form = "; ".join(_in_words(group, value_of, sd_of) for group in found.groups)
     size = max((float(value_of[t]) for t in found.groups[0]), key=abs)
     return {
@@ -318,14 +319,18 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
 
 
 def _bridged(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[Term, float]:
-    """Values of a curve: those at nodes of which the clips tell nothing lie on a line between the others'."""
-    curve = _curve(group, values, sds) if group[0].kind == kinds.HAT else {"sd": []}
-    if None not in curve["sd"] or not any(sd is not None for sd in curve["sd"]):
+    """Values at a curve's nodes of which the clips tell nothing: on straight lines between the others."""
+    if group[0].kind != kinds.HAT or not any(math.isfinite(sds[t]) for t in group):
         return {}
-    nodes = np.array(
-        [(a, v) for a, v, sd in zip(curve["at"], curve["value"], curve["sd"], strict=True) if sd is not None]
-    )
+    nodes = _nodes(_curve(group, values, sds))
     return {t: float(np.interp(t.constants[1], nodes[:, 0], nodes[:, 1])) for t in group if math.isinf(sds[t])}
+
+
+def _nodes(curve: Mapping[str, Any]) -> Array:
+    """Places and values (n, 2) at the nodes of a curve that the clips determine; at all nodes if at none."""
+    every = np.array([curve["at"], curve["value"]]).T
+    known = np.array([sd is not None for sd in curve["sd"]])
+    return every[known] if any(curve["sd"]) else every  # the middle of some has an sd of 0
 
 
 def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> str:
@@ -333,10 +338,7 @@ def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, flo
     if group[0].kind != kinds.HAT:
         return "; ".join(f"{QUANTITY_TEXTS[t.quantity]}: {values[t]:+.4g} * ({t.factor})" for t in group)
     curve = _curve(group, values, sds)
-    nodes = list(zip(curve["at"], curve["value"], curve["sd"], strict=True))
-    if any(math.isfinite(sds[t]) for t in group):
-        nodes = [node for node in nodes if node[2] is not None]
-    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v, _ in nodes)
+    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v in _nodes(curve).tolist())
     unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""
     return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, linear between these"
 

@@ -15,7 +15,6 @@ and smoothnesses. What many coefficients could explain by chance is so paid for,
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -167,20 +166,19 @@ def blocks(seen: Mapping[str, Span], counted: dict[str, int], known: Collection[
         known: quantities and variables of a formula; what these leave may vary over less.
     """
     axes = {name: Axis.over(name, span.low, span.high, INTERVALS) for name, span in seen.items()}
+    fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
-    every = [
-        Block(quantity, names, (axes[names[0]], axes[names[1]] if len(names) > 1 else ALONE))
-        for quantity, its in SEEN_BY.items()
-        for names in (*((name,) for name in its), *VARIABLE_PAIRS)
-        if all(name in axes and name in its for name in names)
-    ]
-    for k, one in enumerate(every):
-        name = one.variables[0]
-        if (one.quantity, name) in known and len(one.variables) == 1 and one.axes[0].kind == SPLINE:
-            span = seen[name]
-            every[k] = dataclasses.replace(one, axes=(Axis.over(name, span.low, span.high, FINE_INTERVALS), ALONE))
-    return every
+    found = []
+    for quantity, its in SEEN_BY.items():
+        for name in its:
+            if name in axes:
+                axis = fine[name] if (quantity, name) in known and name in fine else axes[name]
+                found.append(Block(quantity, (name,), (axis, ALONE)))
+        for pair in VARIABLE_PAIRS:
+            if all(name in axes and name in its for name in pair):
+                found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
+    return found
 
 
 @dataclass(frozen=True)

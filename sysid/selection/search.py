@@ -285,51 +285,38 @@ def with_likelier_name(found: Found[V]) -> tuple[Found[V], FittedCandidate] | No
         own = candidate(next(type(one) for one in view.model.effects if one.name() == name))
         scores = view.scores_without({one for one in view.names if one.startswith(f"{name}.")}, [*every, own])
         if row := _likeliest(scores, than=name, by=SEPARATED_LOG_ODDS):
-            less, more = view.without(name), view.stripped(name).with_effect(row).renewed()
-            fit = _fitted_instead(view, unknowns_of(own, view.names), less, more, row)
-            if fit.odds > SEPARATED_LOG_ODDS:
+            more = view.stripped(name).with_effect(row).renewed()
+            if _over(view, unknowns_of(own, view.names), more, row) > SEPARATED_LOG_ODDS:
                 kept = tuple(row.candidate.name if one == name else one for one in found.verdict)
                 now = dataclasses.replace(found, view=more, verdict=kept, dropped=(*found.dropped, name))
-                return now, fit.candidate
+                return now, _fitted(view.without(name), more, row)
     if formula is None:
         return None
-    for group in formula.groups:
-        at = next(one for one in formula.placed(view.point).groups if one[0].name == group[0].name)
-        own = shape_candidates([at])[0]
+    for group, placed in zip(formula.groups, formula.placed(view.point).groups, strict=True):
+        own = shape_candidates([placed])[0]
         scores = view.scores_without(parameters_of(group), [*every, own])
         if row := _likeliest(scores, than=own.name, by=-SEPARATED_LOG_ODDS):
             fewer = formula.without(group, view.point)
-            less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
-            more = (view.stripped(EFFECT_NAME) if fewer is None else less).with_effect(row).renewed()
-            fit = _fitted_instead(view, unknowns_of_terms(group), less, more, row)
-            if fit.odds > -SEPARATED_LOG_ODDS:
+            start = view.stripped(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
+            more = start.with_effect(row).renewed()
+            if _over(view, unknowns_of_terms(group), more, row) > -SEPARATED_LOG_ODDS:
                 verdict = (*found.verdict, row.candidate.name)
-                return dataclasses.replace(found, view=more, verdict=verdict, formula=fewer), fit.candidate
+                now = dataclasses.replace(found, view=more, verdict=verdict, formula=fewer)
+                return now, _fitted(view.without(EFFECT_NAME) if fewer is None else start, more, row)
     return None
 
 
-@dataclass(frozen=True)
-class _Instead:
-    """An effect that was fitted in place of a cause."""
-
-    candidate: FittedCandidate
-    odds: float  # log odds over that cause
-
-
-def _fitted_instead(view: V, unknowns: Sequence[Unknown], less: V, more: V, row: Score) -> _Instead:
-    """An effect in place of a cause of a fit.
-
-    Args:
-        view: the fit with the cause.
-        unknowns: of the cause.
-        less: the fit without either.
-        more: the fit with the effect.
-        row: its score.
-    """
-    its = unknowns_of(row.candidate, more.names)
-    odds = likelier(view, unknowns, more, its)
+def _over(view: V, unknowns: Sequence[Unknown], more: V, row: Score) -> float:
+    """Log odds of a fit with an effect over one with another cause, whose unknowns are given, in its place."""
+    odds = likelier(view, unknowns, more, unknowns_of(row.candidate, more.names))
     log.info("%s in place of %s: log odds %.1f", row.candidate.name, unknowns[0].name, odds)
-    return _Instead(FittedCandidate(row, more.fitted, judged(less.beside(more), more, its).evidence), odds)
+    return odds
+
+
+def _fitted(less: V, more: V, row: Score) -> FittedCandidate:
+    """An effect that was fitted, with its evidence over a fit without it."""
+    at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
+    return FittedCandidate(row, more.fitted, at.evidence, at.in_all > 0.0)
 
 
 def _likeliest(scores: Scores, than: str, by: float) -> Score | None:

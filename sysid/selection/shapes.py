@@ -15,7 +15,7 @@ from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
 from sysid.selection.terms import PARTS_OF_RANGE, Shape, effect_from_terms
 
-FINER_PARTS = 6  # refinement of that grid around a place
+FINER_PARTS = 6  # of a part of a range: the finer grid of places around one of the first grid
 MIN_PLACE_LOG_ODDS = 0.1  # least gain of log odds by another place, beyond rounding
 
 

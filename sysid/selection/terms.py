@@ -258,11 +258,10 @@ def local_curves(quantity: str, variable: str, low: float, high: float) -> list[
     """Families of curves over a part of a range: what is so small lies between the nodes of a curve over all of it."""
     found = []
     for parts in LOCAL_PARTS:
-        size = (high - low) / parts
-        starts = [(k, low + k * size / 2) for k in range(2 * parts - 1)]
+        half, name = (high - low) / parts / 2, f"{parts * LOCAL_INTERVALS}"
         found.append([
-            curve(quantity, variable, start, start + size, LOCAL_INTERVALS, f"{parts * LOCAL_INTERVALS}_{k}")
-            for k, start in starts
+            curve(quantity, variable, low + k * half, low + (k + 2) * half, LOCAL_INTERVALS, f"{name}_{k}")
+            for k in range(2 * parts - 1)
         ])  # fmt: skip
     return found
 
