@@ -190,22 +190,29 @@ def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
 def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
     """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
-    Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py), and
-    those that still stand out with more effort; each shot keeps its most likely state.
+    Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py): again
+    as long as that leads elsewhere, with what it has shown of the model's error, then with more effort. The largest
+    effort is for shots that still stand out, up to the work of searching all. Each shot keeps its most likely state.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
     )
     score, own = shot_scores(problem, x, c)
     for effort in SEARCH_EFFORTS:
-        typical = float(np.median(own))
-        weighted = problem.with_discrepancy(typical)
-        rows = standing_out(weighted, x, c) if effort > 1 else np.flatnonzero(own > 0)
-        if not rows.size or rows.size * effort > max(len(x), SEARCH_EFFORTS[-1]):
-            continue
-        other = x.copy()
-        other[rows] = searched_states(weighted.only(rows), c, effort)
-        x, score, own = _better(problem, x, score, own, other, c)
+        weighted, rows = problem.with_discrepancy(float(np.median(own))), np.flatnonzero(own > 0)
+        if effort == SEARCH_EFFORTS[-1]:
+            rows = np.intersect1d(rows, standing_out(weighted, x, c))
+            if rows.size * effort > max(len(x), effort):
+                break
+        while rows.size:
+            other = x.copy()
+            other[rows] = searched_states(weighted.only(rows), c, effort)
+            other, there, rates = _at_own_discrepancy(weighted, other, c)
+            gain = score - there
+            x, score = np.where(gain[:, None] > 0, other, x), np.minimum(there, score)
+            own = np.where(gain > 0, rates, own)
+            log.info("%d of %d shots begin elsewhere", np.count_nonzero(gain[rows] > SAME_LOSS), rows.size)
+            weighted, rows = problem.with_discrepancy(float(np.median(own))), rows[gain[rows] > SAME_LOSS]
     return x
 
 
@@ -227,14 +234,9 @@ def _first_states(chain: Chain, states: Array, problem: ShotProblem) -> Array:
     return problem.objective().inside(shot_states(problem, chain.windows, states))
 
 
-def _better(
-    problem: ShotProblem, x: Array, score: Array, own: Array, other: Array, c: Array
-) -> tuple[Array, Array, Array]:
-    """The more likely of two initial states of each shot, refined at its own discrepancy; likelihoods and rates."""
-    weighted = problem.with_discrepancy(float(np.median(own)))
-    other = fit_states(weighted, other, c, SETTLING_STEPS)
-    there, rates = shot_scores(problem, other, c)
-    other = fit_states(problem.with_own_rates(rates).with_discrepancy(0.0), other, c, SETTLING_STEPS)
-    there, rates = shot_scores(problem, other, c)
-    better = there < score
-    return np.where(better[:, None], other, x), np.where(better, there, score), np.where(better, rates, own)
+def _at_own_discrepancy(weighted: ShotProblem, x: Array, c: Array) -> tuple[Array, Array, Array]:
+    """Initial states (n, p), each refined at its shot's own discrepancy; negative log likelihoods and rates, (n,)."""
+    x = fit_states(weighted, x, c, SETTLING_STEPS)
+    own = weighted.with_own_rates(shot_scores(weighted, x, c)[1])
+    x = fit_states(own.with_discrepancy(0.0), x, c, SETTLING_STEPS)
+    return x, *shot_scores(weighted, x, c)

@@ -92,14 +92,21 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named)
-        found = _added(view, start, less.beside(start), there, formula, threshold)
+        known = unknowns_of(seen.unnamed(first).candidate, free.names)
+        found = _added(view, start, less.beside(start), there, formula, threshold, (free, known))
         if found.view is not view:
             return found
     return _added(view, view, less, seen, formula, threshold)
 
 
-def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold) -> Round[V]:
+def _added(
+    view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold,
+    free: tuple[V, list[Unknown]] | None = None,
+) -> Round[V]:  # fmt: skip
     """Add the likeliest of the scored causes.
+
+    Scores predict badly where a shot is far from linear. If an unknown function is clearly likelier than the best
+    effect that they lead to, all effects are therefore tried for a few steps, and the best is fitted as well.
 
     Args:
         view: the fit that lacks it.
@@ -108,19 +115,28 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
         seen: scores of causes at the start.
         formula: of the fit.
         threshold: that a cause must pass.
+        free: the fit with an unknown function, and its unknowns.
     """
     least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
-    rows = [seen.row(c) for c in seen.found if c.name in seen.named and c.log_odds > least]
+    likely = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
     fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
-    for row in rows[:MAX_TRIALS]:
-        if len(fits) >= MAX_FITS and good:
-            break
+
+    def add(row: Score) -> None:
         more = start.with_effect(row)
         at = judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)
         fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0))
         if threshold.is_passed(at):
             good.append((fits[-1], at))
+
+    for row in [row for cause, row in likely if cause.log_odds > least][:MAX_TRIALS]:
+        if len(fits) >= MAX_FITS and good:
+            break
+        add(row)
     good = ranked(good)
+    others = [row for _, row in likely if all(row is not one.score for one in fits)]
+    if free is not None and others and (not good or _is_clearly_likelier(free, good[0][1])):
+        add(min(others, key=start.tried))
+        good = ranked(good)
     best = good[0] if good else None
     rest = [one for one in fits if all(one.name != other.name for other, _ in good)]
     fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
@@ -134,6 +150,11 @@ def _added(view: V, start: V, less: V, seen: Looked, formula: SparseFormula | No
         if found is not None:
             return Round(dataclasses.replace(screening, best=None), *found, threshold)
     return Round(screening, view if best is None else best[1].view, formula, threshold)
+
+
+def _is_clearly_likelier(free: tuple[V, list[Unknown]], than: Judged[V]) -> bool:
+    """Whether a fit with an unknown function is clearly likelier than one with an effect."""
+    return likelier(than.view, than.unknowns, *free) > SEPARATED_LOG_ODDS
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:

@@ -64,6 +64,10 @@ class FitView(ABC):
     def with_effect(self, score: Score) -> Self:
         """The fit with an additional effect, or with another formula instead of its own."""
 
+    def tried(self, score: Score) -> float:
+        """The loss that a fit with a candidate promises, up to a constant."""
+        return -0.5 * score.predicted_improvement
+
     @abstractmethod
     def without(self, name: str) -> Self:
         """The fit without an effect."""
