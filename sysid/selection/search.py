@@ -36,6 +36,7 @@ from sysid.selection.judgement import (
     Threshold,
     Unknown,
     V,
+    clearly_likelier,
     judged,
     judged_where_found,
     likelier,
@@ -134,7 +135,7 @@ def _added(
         add(row)
     good = ranked(good)
     others = [row for _, row in likely if all(row is not one.score for one in fits)]
-    if free is not None and others and (not good or _is_clearly_likelier(free, good[0][1])):
+    if free is not None and others and (not good or clearly_likelier(free, good[0][1])):
         add(min(others, key=start.tried))
         good = ranked(good)
     best = good[0] if good else None
@@ -150,11 +151,6 @@ def _added(
         if found is not None:
             return Round(dataclasses.replace(screening, best=None), *found, threshold)
     return Round(screening, view if best is None else best[1].view, formula, threshold)
-
-
-def _is_clearly_likelier(free: tuple[V, list[Unknown]], than: Judged[V]) -> bool:
-    """Whether a fit with an unknown function is clearly likelier than one with an effect."""
-    return likelier(than.view, than.unknowns, *free) > SEPARATED_LOG_ODDS
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
