@@ -191,19 +191,21 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
     """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
     Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py): again
-    as long as that leads elsewhere, with what it has shown of the model's error, then with more effort. The largest
-    effort is for shots that still stand out, up to the work of searching all. Each shot keeps its most likely state.
+    as long as that leads elsewhere, with what it has shown of the model's error, then with more effort. Where this is
+    more work than a search of all shots, or than the second effort for all long ones, it is for those that stand out.
+    Each shot keeps its most likely state.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
     )
     score, own = shot_scores(problem, x, c)
+    most = max(len(x) * (SEARCH_EFFORTS[1] if problem.is_long else 1), SEARCH_EFFORTS[-1])
     for effort in SEARCH_EFFORTS:
         weighted, rows = problem.with_discrepancy(float(np.median(own))), np.flatnonzero(own > 0)
-        if effort == SEARCH_EFFORTS[-1]:
+        if rows.size * effort > most:
             rows = np.intersect1d(rows, standing_out(weighted, x, c))
-            if rows.size * effort > max(len(x), effort):
-                break
+        if rows.size * effort > most:
+            break
         while rows.size:
             other = x.copy()
             other[rows] = searched_states(weighted.only(rows), c, effort)
