@@ -58,10 +58,6 @@ class PocketShape:
     edge_radius: float  # of the arc in which the slate ends [m]
     acceptance: float  # half width of what it lets in, slowly along its axis [m]
 
-    def throat(self, parallel: float) -> float:
-        """Width between the facings where the shelf ends, `parallel` the cut along the pocket's axis [rad]: [m]."""
-        return self.mouth - 2 * self.shelf * math.tan(self.cut_angle - parallel)
-
     def edge_depth(self, *, corner: bool) -> float:
         """How far the middle of the slate's edge is beyond a corner, or beyond the nose line of a middle [m]."""
         return self.shelf + self.edge_radius - self.mouth / 2 * corner

@@ -68,11 +68,11 @@ def _codec(video: Path) -> str:
     return code.to_bytes(4, "little").decode("latin-1").lower()
 
 
-def jpeg(picture: Picture, width: int, quality: int = JPEG_QUALITY) -> bytes:
+def jpeg(picture: Picture, width: int) -> bytes:
     """A picture (height, width, 3) as JPEG, not wider than so many pixels."""
     scale = min(1.0, width / picture.shape[1])
     small = picture if scale == 1.0 else cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
+    return bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes())
 
 
 def draw_films(out: ReviewOut, films: Sequence[Film]) -> str:

@@ -18,7 +18,6 @@ from sysid.clips.tempo import SOUND_INTERVAL
 from sysid.clips.units import SECONDS_BY_UNIT, are_whole
 from sysid.foreign.columns import RawClip
 
-TIME_UNITS = ("seconds", "frames", *SECONDS_BY_UNIT)
 MAX_FRAMES_APART = 5.0  # largest usual interval of rows counted in frames
 MAX_INTERVAL_S = 0.2  # largest usual interval of rows
 ROUND_RATE = 1e-3  # relative difference within which a rate is rounded to a whole number
