@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files.limits import MAX_FRAMES, MAX_PICTURE_PIXELS
+from models.messages import OptionError, option
 from sysid.vision.times import read_times
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
@@ -200,8 +201,8 @@ class Video:
         steps = np.diff(stamps)
         if len(steps) == 0 or not (steps > 0).all():
             if len(steps) and not (math.isfinite(rate) or fps):
-                raise BadInput(
-                    f"{self.name}: has neither frame times nor a rate; give the rate at which it was taken with --fps"
+                raise OptionError(
+                    f"{self.name}: has neither frame times nor a frame rate; give one with ", option("fps")
                 )
             # Every frame is then assumed to follow the one before: `steps` counts at least one.
             period = 1.0 / (rate if math.isfinite(rate) else fps or 1.0)
@@ -227,7 +228,6 @@ class Pictures:
         """`name` is what the user gave."""
         self.name, self.paths, self.files, self.count = name, list(paths), list(paths), len(paths)
         self._read_times = np.arange(len(paths), dtype=float)
-        self._timed = False
 
     def frame_times(self, fps: float | None) -> FrameTimes:
         """Times from the file beside the pictures, from the numbers in their names, or at an even rate."""
@@ -240,9 +240,8 @@ class Pictures:
                     FrameTimes(period, False, 1.0, (f"frame times from {time_file.name}, {1 / period:.6g}/s",)), fps
                 )
         if fps is None and len(self.paths) > 1:
-            raise BadInput(
-                f"{self.name}: pictures have no times; give their rate with --fps or put times.csv beside them"
-            )
+            text = f"{self.name}: pictures have no times; put times.csv beside them, or give their frame rate with "
+            raise OptionError(text, option("fps"))
         numbers = [int(found[-1]) if (found := re.findall(r"\d+", p.stem)) else -1 for p in self.paths]
         steps = np.diff(numbers)
         notes = f"pictures taken at an even {fps or 1.0:.6g}/s"
@@ -276,7 +275,7 @@ def open_footage(path: Path | str, fps: float | None = None) -> Footage:
     """
     name = str(path)
     if fps is not None and not 0 < fps < math.inf:
-        raise BadInput(f"--fps {fps:g}: must be the number of frames taken in a second, above 0")
+        raise OptionError(option("fps"), f" is {fps:g}: give the number of frames taken in a second, above 0")
     location = Path(path)
     if location.is_dir():
         found = [p for p in location.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and not p.name.startswith(".")]
