@@ -50,3 +50,8 @@ class OptionError(BadInput):
         """Create the error from the parts of its message."""
         self.message = Message(parts)
         super().__init__(self.message.for_command())
+
+
+def counted(count: int, noun: str) -> str:
+    """A number of things: 1 ball, 0 balls, 3 balls."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"

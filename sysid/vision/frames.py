@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files.limits import MAX_FRAMES, MAX_PICTURE_PIXELS
-from models.messages import OptionError, option
+from models.messages import OptionError, counted, option
 from sysid.vision.times import read_times
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
@@ -77,7 +77,7 @@ class Footage:
         self.count = source.count
         first = next((picture for _, picture in source.read() if picture is not None), None)
         if first is None:
-            raise BadInput(f"{source.name}: holds no readable picture; record it anew or convert it")
+            raise BadInput(f"{source.name}: holds no readable picture; record it again or convert it")
         self.size: tuple[int, int] = (first.shape[1], first.shape[0])
 
     @property
@@ -91,9 +91,9 @@ class Footage:
         so_far = "" if self._whole else " so far"
         lines = [*self._frame_times.notes]
         if self._missing:
-            lines.append(f"{self._missing} frame{'s' * (self._missing > 1)} missing{so_far}: left as gaps in time")
+            lines.append(f"{counted(self._missing, 'frame')} missing{so_far}: left as gaps in time")
         if self._broken:
-            lines.append(f"{self._broken} frame{'s' * (self._broken > 1)} unreadable{so_far}: left out")
+            lines.append(f"{counted(self._broken, 'frame')} unreadable{so_far}: left out")
         return tuple(lines)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -284,7 +284,7 @@ def open_footage(path: Path | str, fps: float | None = None) -> Footage:
             raise BadInput(f"{name}: holds no pictures ({kinds}); name a video or such a folder")
     elif location.is_file():
         if location.stat().st_size == 0:
-            raise BadInput(f"{name}: is empty; record or copy it anew")
+            raise BadInput(f"{name}: is empty; record or copy it again")
         if location.suffix.lower() not in PICTURE_SUFFIXES:
             return Footage(Video(location), fps)
         found = [location]
@@ -321,7 +321,7 @@ def read_picture(path: Path) -> Picture | None:
             picture = _as_colour(cv2.imread(str(path), cv2.IMREAD_COLOR))
         except (OSError, cv2.error):
             return None
-    # OpenCV refuses them undecoded, unless it was imported before a command told it to.
+    # OpenCV refuses these before it decodes them, unless it was imported before a command had set that limit.
     if picture is not None and picture.shape[0] * picture.shape[1] > MAX_PICTURE_PIXELS:
         return None
     return picture

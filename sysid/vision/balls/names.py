@@ -35,7 +35,7 @@ FACE_RADII = 0.92  # of a disc that shows the face, clear of the rim
 PLACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number, a dot or a highlight, and of its white share
 FACE_PLACES = 4.0  # independent ones on a face, whose light differs
 WHITE_SHARE_SD = 0.07  # of the part of a view that is white, by highlights, numbers and blur
-FACE_VIEWS = 4  # of a ball as it rolls, from which on more tell nothing new
+FACE_VIEWS = 4  # of a ball as it rolls, beyond which more add no information
 COLOUR_LEVELS = 16  # of the roots of colours, in which places of a face are counted
 
 
@@ -57,7 +57,7 @@ class Naming:
             for name, other, odds in zip(self.names, self.others, self.odds, strict=True)
             if name is not None and other is not None and odds < SURE
         ]
-        return (*unsure, *(f"a ball of colour {one} has no name in the palette" for one in self.found))
+        return (*unsure, *(f"the palette has no name for a ball of colour {one}" for one in self.found))
 
 
 Costs = Callable[[Palette, Array, Array], Array]  # of every name (m, n) of a palette, in a light (3,) and veil (3,)
