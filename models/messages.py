@@ -29,8 +29,8 @@ def option(argument: str, *values: str) -> Option:
 
 
 @dataclass(frozen=True)
-class Message:
-    """A line for the user, in parts."""
+class MessageParts:
+    """A line for the user: text, and the options that it names."""
 
     parts: tuple[str | Option, ...]
 
@@ -48,7 +48,7 @@ class OptionError(BadInput):
 
     def __init__(self, *parts: str | Option) -> None:
         """Create the error from the parts of its message."""
-        self.message = Message(parts)
+        self.message = MessageParts(parts)
         super().__init__(self.message.for_command())
 
 

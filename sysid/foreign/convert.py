@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import BadInput
-from models.messages import Message, Option, OptionError, option
+from models.messages import MessageParts, Option, OptionError, option
 from models.shot import Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.readings import (
@@ -105,7 +105,7 @@ class Imported:
 
     clip_set: ClipSet
     says: tuple[str, ...]
-    assumed: tuple[Message, ...]
+    assumed: tuple[MessageParts, ...]
 
 
 def import_files(
@@ -188,7 +188,7 @@ def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -
     return Clip(shot.file, struck, balls, cue, shot.note, shot.extra)
 
 
-def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[Message]]:
+def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[MessageParts]]:
     """The clip set in metres from the table's centre, a description of the conversion, and assumptions."""
     if "px" in (stated.unit, unit):
         raise OptionError("coordinates are in pixels: give the camera's file with ", option("camera"), CAMERA_FILE)
@@ -215,7 +215,7 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
         reading = found if found is not None and agrees else best
     assumed = []
     if reading == best and stated.y_down is None and not _has_commands(clip_set):
-        assumed.append(Message((
+        assumed.append(MessageParts((
             "y is taken to point up, so that x, y and up are right-handed; the tracks do not show it. If y is "
             "counted downwards, as in pictures, give ", option("y", "down"), ", or sidespin changes its sign",
         )))  # fmt: skip

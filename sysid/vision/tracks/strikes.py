@@ -284,7 +284,7 @@ def _shot(
         for m in (struck, *after)
     )
     if shown < MIN_CLIP_DETECTIONS:
-        return None, f"the moving balls have only {shown} detections"
+        return None, f"{shown} detections of what moves are too few"
     remarks += [*ends, *seen.remarks]
     speed = float(np.linalg.norm(struck.velocity))
     return TrackedShot(struck.name, time, first, last, seen.names, speed, seen.potted, tuple(remarks)), ""
