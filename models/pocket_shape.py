@@ -4,7 +4,7 @@ Seen from above a cushion's nose runs to a point, where its facing turns off int
 between the two points, where the lines of noses and facings meet (WPA: "from pointed lip to pointed lip"). The cut
 angle is inside the rubber, between nose and facing: at 135 degrees at a corner and 90 at a middle facings run along the
 pocket's axis, at wider angles they close towards the throat. A radius rounds the point. The shelf is how far the slate
-reaches beyond the middle of the mouth, along the axis; it ends in an arc, open to the table. The acceptance sums all
+extends beyond the middle of the mouth, along the axis; it ends in an arc, open to the table. The acceptance sums all
 this up for models without jaws: how far from the axis a slow ball, on its way along it, still falls.
 
 Files hold `pockets = true` (those of snooker), false, the name of a set below, or its numbers:
