@@ -13,7 +13,6 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from models.engine.play import lacking
 from models.files import scratch_folder
 from models.hooks import COMPILED_HOOKS, HookError, address
 from models.mjcf.native import Native
-from models.model_file import Model, add_folder, effect_class, full_model, read_model, write_model
+from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
@@ -266,11 +265,6 @@ def faults(kind: type[Effect]) -> list[str]:
         if found or kind is Native:
             return found
     return [f"{name}: {text}" for name in CONTRACTS if name not in BASIC_CONTRACTS for text in kept(kind, name)]
-
-
-def check_file(path: Path | str) -> list[str]:
-    """All faults of the effects in a user's file or folder, each with its effect's name."""
-    return [f"{name}: {text}" for name in add_folder(path) for text in faults(effect_class(name))]
 
 
 LISTED_HOOKS = ("edit", "forces", "impact", "strike", "exposures", "observe")

@@ -15,7 +15,6 @@ from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.compiled import compiled
 from models.effect import Array, BallState, Effect, ImageState, ImpactState, param
@@ -209,11 +208,3 @@ def free_form(name: str, door: int, one: Axis, two: Axis, width: float) -> type[
 
 def _remade(name: str, door: int, axes: tuple[Axis, Axis], width: float, values: tuple[Any, ...]) -> FreeForm:
     return free_form(name, door, *axes, width)(*values)
-
-
-def values_at(form: FreeForm, one: Array, two: Array | None = None) -> NDArray[np.float64]:
-    """The function at values (n,) of its variables."""
-    a, b = form.axes
-    other = np.zeros(len(one)) if two is None else two
-    weights = np.einsum("ni,nj->nij", a.weights(one), b.weights(other)).reshape(len(one), -1)
-    return np.asarray(weights @ np.array([getattr(form, key) for key in form.parameters()]))

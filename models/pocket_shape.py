@@ -4,7 +4,7 @@ Seen from above a cushion's nose runs to a point, where its facing turns off int
 between the two points, where the lines of noses and facings meet (WPA: "from pointed lip to pointed lip"). The cut
 angle is inside the rubber, between nose and facing: at 135 degrees at a corner and 90 at a middle facings run along the
 pocket's axis, at wider angles they close towards the throat. A radius rounds the point. The shelf is how far the slate
-reaches beyond the middle of the mouth, along the axis; it ends in an arc, open to the table. The acceptance sums all
+extends beyond the middle of the mouth, along the axis; it ends in an arc, open to the table. The acceptance sums all
 this up for models without jaws: how far from the axis a slow ball, on its way along it, still falls.
 
 Files hold `pockets = true` (those of snooker), false, the name of a set below, or its numbers:
@@ -57,10 +57,6 @@ class PocketShape:
     shelf: float  # of slate beyond the middle of the mouth [m]
     edge_radius: float  # of the arc in which the slate ends [m]
     acceptance: float  # half width of what it lets in, slowly along its axis [m]
-
-    def throat(self, parallel: float) -> float:
-        """Width between the facings where the shelf ends, `parallel` the cut along the pocket's axis [rad]: [m]."""
-        return self.mouth - 2 * self.shelf * math.tan(self.cut_angle - parallel)
 
     def edge_depth(self, *, corner: bool) -> float:
         """How far the middle of the slate's edge is beyond a corner, or beyond the nose line of a middle [m]."""

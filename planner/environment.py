@@ -50,16 +50,6 @@ def as_strokes(launcher: LauncherModel, model: Model, actions: Array) -> Array:
     return q
 
 
-def as_actions(launcher: LauncherModel, model: Model, q: Array) -> Array:
-    """The actions (n, 4) that command strokes (n, 4); the inverse of `as_strokes`."""
-    out = np.empty((len(q), 4))
-    axis = (model.ball.radius + launcher.cue.tip_radius) / model.ball.radius
-    for row, stroke in zip(out, q, strict=True):
-        command = launcher.command(model, stroke)
-        row[:] = command["cue_speed"], axis * stroke[SIDE], axis * stroke[HEIGHT], command["theta"]
-    return out
-
-
 @dataclass(frozen=True)
 class ScenePlay:
     """A scene, and the errors of one play; see models.environment.task.Episode."""

@@ -117,7 +117,7 @@ def balls_in_picture(
     balls, notes = find_balls(path, camera, palette_path=palette_path, camera_name=camera_path, progress=progress)
     if mass is None:
         mass, game = usual_mass(camera.diameter)
-        notes.append(f"mass {mass:.4f} kg, that of a {game} ball of this size")
+        notes.append(f"mass {mass:.4f} kg assumed, as of a {game} ball of this size")
     places = {name: ball.xy for name, ball in balls.items()}
     found = _balls_on_table((camera.table, ball_of(camera, mass)), places, 0.0, notes, str(path))
     return replace(found, camera_doubts=camera.doubts, cue_doubts=_cue_doubts(balls, found))
@@ -201,6 +201,6 @@ def _balls_on_table(
     names, position = tuple(on_table), np.array(list(on_table.values()))
     depth, i, j = largest_overlap(position, ball)
     if depth > max(MAX_OVERLAP_M, 6 * sigma):
-        text = f"{names[i]} and {names[j]} are seen {1e3 * depth:.1f} mm within each other"
+        text = f"{names[i]} and {names[j]} overlap by {1e3 * depth:.1f} mm"
         raise BadInput(f"{where}: {text}: check calibration and ball diameter")
     return DetectedBalls(table, ball, names, separate_overlaps(position, table, ball), tuple(notes))

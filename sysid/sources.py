@@ -5,14 +5,14 @@ In: files of another program, or a film and its camera file. Out: a `ClipSet`, i
 
 from __future__ import annotations
 
-import json
-import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from models.errors import BadInput
+from models.messages import OptionError
 from models.presets import TableSet, find_table, usual_mass
 from models.shot import Ball
 from sysid.clips import ClipSet
@@ -22,10 +22,15 @@ from sysid.foreign.pixels import Pixels
 
 PathLike = Path | str
 STATED_FIELDS = ("time", "fps", "struck", "running", "columns", "turned")  # of `Stated`, as further arguments
-FLAGS = ("turned", "running")
-WORDS = r"(?:m|cm|mm|in|ft|centre|corner|length|width|up|down|frames|(?:milli|micro)?seconds)(?:\|\w+)*\b"
-PAIRS, PLACEHOLDERS, NUMBERS = r"[\w.]+=[^\s:;]*[\w.]", r"[A-Z][\w.]*\w|[A-Z]\b", r"\d[\d.]*\b"
-OPTION = re.compile(rf"--([a-z][a-z-]*)(?: ({WORDS}|{PAIRS}|{PLACEHOLDERS}|{NUMBERS}))?")  # with its value
+
+
+@contextmanager
+def naming_arguments() -> Iterator[None]:
+    """Let errors name arguments where those of a command name its options."""
+    try:
+        yield
+    except OptionError as fault:
+        raise BadInput(fault.message.for_python()) from None
 
 
 def import_tracks(
@@ -77,30 +82,11 @@ def import_tracks(
         None if y is None else y == "down", **stated,
     )  # fmt: skip
     shots = [ShotFile(f"clips/{path.stem}.csv") for path in paths]
-    try:
+    with naming_arguments():
         found = import_files(paths, shots, known.table, known.ball, statements, pixels)
-    except BadInput as fault:
-        raise BadInput(in_python(str(fault))) from None
     for line in found.assumed:
-        print(f"assumed: {in_python(line)}", file=sys.stderr)
+        print(f"assumed: {line.for_python()}", file=sys.stderr)
     return with_doubts(found.clip_set, doubts)
-
-
-def in_python(says: str) -> str:
-    """A message of the command with arguments in place of its options: --fps F as fps=F."""
-
-    def argument(option: re.Match[str]) -> str:
-        name, value = option[1].replace("-", "_"), option[2]
-        if name in FLAGS:
-            return f"{name}=True" + (f" {value}" if value else "")
-        if value is None:
-            return name
-        if "=" in value:
-            return f"{name}={json.dumps(dict(pair.split('=', 1) for pair in value.split(',')))}"
-        bare = value[0].isdigit() or (len(value) == 1 and value.isupper())  # a number, or what stands for one
-        return f"{name}={value if bare else '|'.join(map(json.dumps, value.split('|')))}"
-
-    return OPTION.sub(argument, says)
 
 
 def _sizes(table: str | None, diameter: float | None, mass: float | None) -> TableSet:
@@ -134,7 +120,8 @@ def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: 
 
     seen = read_camera(camera)
     tell_doubts(camera, seen.doubts)
-    found = track_film(str(video), Taken.of(seen, camera, fps=fps, mass=mass))
+    with naming_arguments():
+        found = track_film(str(video), Taken.of(seen, camera, fps=fps, mass=mass))
     if found.clips is None:
         raise BadInput(f"{video}: no shot was found in it: film one from before the strike until the balls rest")
     return found.clips

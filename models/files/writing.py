@@ -116,10 +116,10 @@ def append_to(file: int, content: bytes) -> None:
 
 
 @contextlib.contextmanager
-def scratch_folder(prefix: str = "cuelab-") -> Iterator[Path]:
+def scratch_folder() -> Iterator[Path]:
     """A temporary folder; BadInput if there is no room for temporary files."""
     try:
-        made = tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True)
+        made = tempfile.TemporaryDirectory(prefix="cuelab-", ignore_cleanup_errors=True)
     except OSError as error:
         place = os.environ.get("TMPDIR", "the usual folders")
         text = f"{place}: no room for temporary files; make room there, or set TMPDIR to another folder"

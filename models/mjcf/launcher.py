@@ -68,10 +68,9 @@ class Device:
 
 
 def attach_launcher(
-    spec: mujoco.MjSpec, name: str, ball: Ball, device: Device | None = None, aim: ArrayLike = (0.0, 0.0, 0.0),
-    azimuth: float = 0.0,
+    spec: mujoco.MjSpec, name: str, ball: Ball, device: Device | None = None, aim: ArrayLike = (0.0, 0.0, 0.0)
 ) -> None:  # fmt: skip
-    """Attach a launcher to a world, its names prefixed "launcher/".
+    """Attach a launcher to a world, aimed along +x, its names prefixed "launcher/".
 
     Args:
         spec: the world.
@@ -79,15 +78,13 @@ def attach_launcher(
         ball: that ball.
         device: properties of cue and tip.
         aim: centre of the ball, table frame (3,) [m].
-        azimuth: of the cue [rad], counter-clockwise from +x.
 
     Raises:
         BadInput: a number of the device is out of range.
     """
     device = device or Device()
     device.check()
-    half = azimuth / 2
-    frame = spec.worldbody.add_frame(pos=np.asarray(aim, float), quat=[np.cos(half), 0, 0, np.sin(half)])
+    frame = spec.worldbody.add_frame(pos=np.asarray(aim, float))
     machine = mujoco.MjSpec.from_file(str(DEVICE_FILE))
     machine.option.timestep, machine.option.integrator = spec.option.timestep, spec.option.integrator
     spec.attach(machine, frame=frame, prefix=NAME_PREFIX)

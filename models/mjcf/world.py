@@ -127,8 +127,3 @@ def build_spec(
     for effect in effects:
         effect.edit(spec)
     return spec
-
-
-def build_model(table: Table, ball: Ball, names: Sequence[str], effects: Sequence[Effect] = ()) -> mujoco.MjModel:
-    """The compiled world."""
-    return build_spec(table, ball, names, effects).compile()

@@ -174,13 +174,13 @@ class Launcher:
 
     def strike_all(
         self, places: Mapping[str, ArrayLike], azimuth: float, strokes: Iterable[tuple[float, float, float]], *,
-        threads: int = 2, run_up: bool = True,
+        threads: int = 2,
     ) -> list[SimulatedStroke]:  # fmt: skip
         """Strokes (cue_speed, side, height) at balls in the same places; the same whatever the number of threads."""
         self.aim(self.world.place(places), azimuth)
 
         def one(stroke: tuple[float, float, float]) -> SimulatedStroke:
-            return self.strike(self.world.place(places), *stroke, run_up=run_up)
+            return self.strike(self.world.place(places), *stroke)
 
         with ThreadPoolExecutor(threads) as pool:
             return list(pool.map(one, strokes))

@@ -116,9 +116,9 @@ def compare(asked: Sequence[Stroke]) -> list[SimulatedStroke]:
     return strokes
 
 
-def effective_mass(launcher: Launcher, cue_speed: float = 2.0) -> float:
-    """Mass with which the cue hits: momentum of the ball over what the cue loses in speed, centre ball [kg]."""
-    [stroke] = played(launcher, [(cue_speed, 0.0, 0.0)])
+def effective_mass(launcher: Launcher) -> float:
+    """Mass with which the cue hits: the ball's momentum over what the cue loses in speed, centre ball, 2 m/s [kg]."""
+    [stroke] = played(launcher, [(2.0, 0.0, 0.0)])
     given = SNOOKER_BALL.mass * stroke.velocity[0] / np.cos(CUE_TILT)  # the slate turns the impulse level
     return float(given / (stroke.cue_speed - stroke.cue_left))
 
@@ -152,8 +152,9 @@ def closed_form(launcher: Launcher, cue_speed: float) -> dict[str, float]:
     }
 
 
-def print_drive(ball_speed: float = 4.0) -> None:
-    """Print the load on the drive for a ball of this speed, simulated and in closed form, and its rating."""
+def print_drive() -> None:
+    """Print the load on the drive for a ball of 4 m/s, simulated and in closed form, and its rating."""
+    ball_speed = 4.0
     launcher, places = machine(), {"white": CUE_BALL_SPOT}
     [trial] = played(launcher, [(needed_cue_speed(ball_speed), 0.0, 0.0)])
     cue_speed = needed_cue_speed(ball_speed) * ball_speed / float(np.hypot(*trial.velocity[:2]))

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from models.messages import counted
 from models.recording.clips import LaidClip, ReviewOut, Rows
 from models.shot import Array
 
@@ -68,11 +69,11 @@ def _codec(video: Path) -> str:
     return code.to_bytes(4, "little").decode("latin-1").lower()
 
 
-def jpeg(picture: Picture, width: int, quality: int = JPEG_QUALITY) -> bytes:
+def jpeg(picture: Picture, width: int) -> bytes:
     """A picture (height, width, 3) as JPEG, not wider than so many pixels."""
     scale = min(1.0, width / picture.shape[1])
     small = picture if scale == 1.0 else cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())
+    return bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes())
 
 
 def draw_films(out: ReviewOut, films: Sequence[Film]) -> str:
@@ -85,14 +86,14 @@ def draw_films(out: ReviewOut, films: Sequence[Film]) -> str:
     if size <= MAX_VIDEO_BYTES and all(s is not None and _holds(s, f) for s, f in zip(stamps, films, strict=True)):
         for number, (film, stamp) in enumerate(zip(films, stamps, strict=True), 1):
             _draw_video(out, f"{FILM_PATH}/video/{number}", film, stamp, shown, frames)
-        return f"{_many(len(films), 'video')} as {'it is' if len(films) == 1 else 'they are'}, {size / 1e6:.1f} MB"
+        return f"{counted(len(films), 'video')} as {'it is' if len(films) == 1 else 'they are'}, {size / 1e6:.1f} MB"
     step = math.ceil(sum(len(index) for _, (index, _) in frames.values()) / MAX_PICTURES)
     count = total = 0
     for film in films:
         for number in _draw_pictures(out, film, shown, frames, step):
             count, total = count + 1, total + number
     thinned = f", one frame of {step}" if step > 1 else ""
-    return f"{_many(count, 'picture')} of {_many(len(films), 'video')}{thinned}, {total / 1e6:.1f} MB"
+    return f"{counted(count, 'picture')} of {counted(len(films), 'video')}{thinned}, {total / 1e6:.1f} MB"
 
 
 _Frames = Mapping[str, tuple[Film, tuple[NDArray[np.int64], Array]]]  # by clip
@@ -149,7 +150,3 @@ def _draw_pictures(
             data = {"blob": [coded], "media_type": ["image/jpeg"]}
             out.moving(FILM_SCREEN, out.rr.EncodedImage, {}, data, _rows(clip, np.array([moment])))
         yield len(coded)
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"

@@ -27,7 +27,7 @@ from models.shot import Table
 PLOTLY_FILE = Path(__file__).with_name("scripts") / "plotly-cartesian.min.js"
 DRAWING_FILE = Path(__file__).with_name("scripts") / "report.js"
 SIGNIFICANT_DIGITS = 4  # of numbers in figures
-INK, SOFT, GRID = "var(--ink)", "var(--soft)", "var(--line)"
+INK, SOFT = "var(--ink)", "var(--soft)"
 MODEL, HELD_OUT, BEFORE, PERFECT = "#3478c6", "#e07b1a", "#8a94a0", "rgba(138,148,160,0.28)"
 MAP_COLOURS = [[0.0, "var(--map-low)"], [0.25, "#fecc5c"], [0.6, "#f0542c"], [1.0, "#a50026"]]
 ARROW_PX = 9  # of arrow heads

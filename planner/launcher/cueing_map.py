@@ -2,13 +2,12 @@
 
 In: constants of the balance of impulses (models/analytic/cue_impulse.py) with their covariance, fitted by
 robot/cueing/map_fit.py, or a map file (billiard-cueing-map/1, TOML). Out: `forward`, the ball's motion for a command;
-`inverse`, the command for a motion; `predict`, with uncertainty; `setting_for`, one setting of the launcher.
+`inverse`, the command for a motion; `predict`, with uncertainty.
 
 The inverse is a fixed-point iteration: cue speed and stage are corrected by the error of ball speed and spin, which are
-nearly linear in them; the cue is turned against squirt and the zero of the aim. No contact beyond half the radius is
-commanded (Robotic Billiards 2015). The file's [execution] is the launcher's repeatability. Left out: the spin about the
-direction of the aim, which follows from the other parts, and drift of the constants with wear and chalk, which requires
-a new measurement.
+nearly linear in them; the cue is turned against squirt and the zero of the aim. The file's [execution] is the
+launcher's repeatability. Left out: the spin about the direction of the aim, which follows from the other parts, and
+drift of the constants with wear and chalk, which requires a new measurement.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ import numpy as np
 import tomli_w
 from numpy.typing import ArrayLike, NDArray
 
-from models.analytic import cueing
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt, launch
 from models.errors import BadInput
 from models.files import read_toml, write_whole
@@ -31,11 +29,9 @@ from models.files.decode import Allowed
 from models.files.faults import shown
 from models.shot import Ball
 from planner.launcher.execution import Execution
-from planner.launcher.stroke import LauncherModel
 
 Array = NDArray[np.float64]
 FORMAT = "billiard-cueing-map/1"
-MAX_OFFSET = cueing.SEED_LIMIT  # largest commanded contact offset over radius
 INVERSE_ITERATIONS = 12  # each reduces the error to a tenth
 USUAL_GAIN = 1.3  # ball speed over cue speed of a central stroke, the start of the inverse
 
@@ -48,19 +44,6 @@ class Prediction:
     squirt: Array  # against the aim, > 0 to the left (n,) [rad]
     ball_speed_sd: Array  # (n,) [m/s]
     squirt_sd: Array  # (n,) [rad]
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One command of the launcher."""
-
-    string: int  # the speed string nearest to `cue_speed`
-    cue_speed: float  # as computed [m/s]; that of the string differs by up to half a step
-    x0_mm: float  # stage position, to the right
-    y0_mm: float  # stage position, upwards, across the cue
-    theta: float  # azimuth of the cue [rad], table frame
-    ball_speed: float  # resulting ball speed [m/s]
-    squirt: float  # which theta compensates, together with the zero of the aim [rad]
 
 
 @dataclass(frozen=True)
@@ -115,52 +98,6 @@ class CueingMap:
             got, squirt, right, up = self.forward(cue_speed, x, y)
             cue_speed, x, y = cue_speed * speed / got, x + (side - right) / lever, y + (height - up) / lever
         return cue_speed, x, y, squirt
-
-    def setting_for(
-        self, ball_speed: float, azimuth: float, side: float, height: float, launcher: LauncherModel | None = None
-    ) -> Setting:
-        """The setting of the launcher for one stroke.
-
-        Args:
-            ball_speed: horizontal, as the ball leaves the tip [m/s].
-            azimuth: of the ball's direction [rad], table frame.
-            side: contact offset to the right, which sets the spin [m].
-            height: likewise, upwards [m].
-            launcher: with speed strings and bounds; by default the usual one.
-
-        Raises:
-            BadInput: the contact is beyond the miscue limit, or no cue speed within bounds gives that ball speed.
-        """
-        launcher = launcher or LauncherModel()
-        radius, lever, c = self.geometry.ball.radius, self.geometry.lever, self.constants
-        for name, value in (("ball_speed", ball_speed), ("azimuth", azimuth), ("side", side), ("height", height)):
-            if not math.isfinite(value):
-                raise BadInput(f"{name} is {value}; give a finite number")
-        if ball_speed <= 0:
-            raise BadInput(f"ball_speed is {ball_speed:g} m/s; give one above 0")
-        max_offset = min(MAX_OFFSET, launcher.offset)
-        one = np.array([ball_speed]), np.array([side]), np.array([height])
-        offset = math.hypot(side, height) / radius
-        if offset <= max_offset + 1e-9:
-            cue, x, y, squirt = (float(v[0]) for v in self.inverse(*one))
-            offset = lever * math.hypot(x + c.side_zero, y + c.height_zero) / radius
-        if offset > max_offset + 1e-9:
-            raise BadInput(
-                f"spin of side {1e3 * side:.2f} mm, height {1e3 * height:.2f} mm takes a contact {offset:.3f} R from "
-                f"the centre; the tip slips beyond {max_offset:g} R ({1e3 * max_offset * radius:.2f} mm); use less spin"
-            )
-        if not launcher.slowest * (1 - 1e-9) <= cue <= launcher.fastest * (1 + 1e-9):
-            slowest, fastest = (ball_speed / cue * v for v in (launcher.slowest, launcher.fastest))
-            raise BadInput(
-                f"ball_speed is {ball_speed:g} m/s; with this spin the cue's {launcher.slowest:g} to "
-                f"{launcher.fastest:g} m/s give about {slowest:.3f} to {fastest:.3f} m/s"
-            )
-        string = launcher.string(cue)
-        given = self.forward(np.array([launcher.cue_speed(string)]), np.array([x]), np.array([y]))
-        return Setting(
-            string=string, cue_speed=cue, x0_mm=1e3 * x, y0_mm=1e3 * y,
-            theta=math.remainder(azimuth - squirt, 2 * math.pi), ball_speed=float(given[0][0]), squirt=squirt,
-        )  # fmt: skip
 
 
 def write_map(path: Path | str, cueing_map: CueingMap) -> None:

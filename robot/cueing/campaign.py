@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files import append_whole, read_text, write_whole
@@ -28,7 +27,6 @@ from models.files.faults import Faults, shown
 from models.files.limits import excess
 from planner.launcher.stroke import LauncherModel
 
-Array = NDArray[np.float64]
 CUE_SPEEDS = (0.5, 1.0, 1.5, 2.0, 2.5)  # [m/s]
 SIDES_MM = tuple(float(v) for v in range(0, 13, 2))
 HEIGHTS_MM = tuple(float(v) for v in range(-12, 13, 2))

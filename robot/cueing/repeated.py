@@ -48,11 +48,11 @@ class Repeated:
         return math.hypot(self.along_sd, self.across_sd)
 
 
-def spread_strings(settings: Settings, speeds: Sequence[float] = CUE_SPEEDS) -> tuple[int, ...]:
-    """Strings for cue speeds [m/s], without those outside calibration or limits."""
+def spread_strings(settings: Settings) -> tuple[int, ...]:
+    """Strings for the cue speeds of `CUE_SPEEDS`, without those outside calibration or limits."""
     held, (low, high) = settings.calibration, settings.limits.cue_speed
     low, high = max(low, held.speeds[-1]), min(high, held.speeds[0])
-    return tuple(sorted({held.string(v) for v in speeds if low - 1e-9 <= v <= high + 1e-9}))
+    return tuple(sorted({held.string(v) for v in CUE_SPEEDS if low - 1e-9 <= v <= high + 1e-9}))
 
 
 def mean_scatter(measured: Sequence[Repeated]) -> float:

@@ -32,53 +32,38 @@ REPORT_TEMPLATE = Path(__file__).with_name("templates") / "cueing_map.html.j2"
 CONSTANT_UNITS = {"tip_restitution": "1", "cue_mass": "kg", "end_mass": "kg", "slate_friction": "1",
                   "contact_time": "s", "side_zero": "m", "height_zero": "m", "aim_zero": "rad"}  # fmt: skip
 EXECUTION_UNITS = {"speed_sd": "1", "azimuth_sd": "rad", "side_sd": "m", "height_sd": "m"}
-SCORE_HEADS = ["map", "trained on", "speed [%]", "speed [mm/s]", "squirt [°]", "exact speed [%]", "exact squirt [°]"]
-USUAL_CUE_SPEED_M_S = 2.0  # by default the string nearest to it is drawn
+SCORE_HEADS = ["map", "trained on", "speed [%]", "speed [mm/s]", "squirt [°]"]
+USUAL_CUE_SPEED_M_S = 2.0  # the string nearest to it is drawn
 MAP_COLOURS = {"physical map": MODEL_COLOUR, "physical map, a tenth": HELD_OUT_COLOUR, "repeats": INK_COLOUR}
 OFFSET_BIN_MM = 3.0  # width of a bin in the figure of errors
 
 
-def write_report(
-    path: Path | str,
-    title: str,
-    shots: Sequence[CueShot],
-    contest: MapComparison,
-    *,
-    scores: Sequence[HeldOutErrors] | None = None,
-    string: int | None = None,
-    notes: Sequence[str] = (),
-) -> None:
+def write_report(path: Path | str, title: str, shots: Sequence[CueShot], contest: MapComparison) -> None:
     """Write one HTML file, completely or not at all.
 
     Args:
         path: the file.
         title: its heading.
         shots: the whole campaign.
-        contest: one comparison, whose map from all shots is drawn.
-        scores: the table's rows, such as means over several splits; by default those of the contest.
-        string: the string whose surfaces are drawn; by default the one nearest to 2 m/s.
-        notes: lines at the top.
+        contest: the comparison, whose map from all shots is drawn.
     """
-    figures = [(name, svg(name, height, draw)) for name, height, draw in _figures(shots, contest, string)]
+    figures = [(name, svg(name, height, draw)) for name, height, draw in _figures(shots, contest)]
     write_page(
         path,
         REPORT_TEMPLATE,
         title=title,
         count=len(shots),
         miscues=sum(s.miscue for s in shots),
-        notes_on_top=notes,
         score_heads=SCORE_HEADS,
-        scores=[[s.name, *score_cells(s)] for s in scores or contest.scores],
+        scores=[[s.name, *score_cells(s)] for s in contest.scores],
         figures=figures,
         constants=_constants(contest.whole, contest.tenth),
     )
 
 
-def write_picture(
-    path: Path | str, shots: Sequence[CueShot], contest: MapComparison, *, string: int | None = None
-) -> None:
+def write_picture(path: Path | str, shots: Sequence[CueShot], contest: MapComparison) -> None:
     """Write all figures below each other as one PNG, completely or not at all."""
-    figures = _figures(shots, contest, string)
+    figures = _figures(shots, contest)
     heights = [height for _, height, _ in figures]
 
     def below_each_other(fig: Any) -> None:
@@ -90,19 +75,15 @@ def write_picture(
 
 
 def score_cells(s: HeldOutErrors) -> list[str]:
-    return [str(s.trained_on)] + [
-        number(v) for v in (s.speed_percent, 1e3 * s.speed_m_s, s.squirt_deg, s.exact_speed_percent, s.exact_squirt_deg)
-    ]
+    return [str(s.trained_on), *(number(v) for v in (s.speed_percent, 1e3 * s.speed_m_s, s.squirt_deg))]
 
 
-def _figures(shots: Sequence[CueShot], contest: MapComparison, string: int | None) -> list[tuple[str, float, Draw]]:
+def _figures(shots: Sequence[CueShot], contest: MapComparison) -> list[tuple[str, float, Draw]]:
     """Every figure: its title, its height [inch], and the function that draws it."""
     cue_speeds = {s.string: s.cue_speed for s in shots if not s.miscue}
     if not cue_speeds:
         raise BadInput("every shot is a miscue, or there are none; play a campaign first")
-    chosen = min(cue_speeds, key=lambda k: abs(cue_speeds[k] - USUAL_CUE_SPEED_M_S)) if string is None else string
-    if chosen not in cue_speeds:
-        raise BadInput(f"string {chosen} was not played; choose from {', '.join(map(str, sorted(cue_speeds)))}")
+    chosen = min(cue_speeds, key=lambda k: abs(cue_speeds[k] - USUAL_CUE_SPEED_M_S))
     shown = [s for s in shots if s.string == chosen and not s.miscue]
     return [
         (f"String '{chosen:03d}p', cue {cue_speeds[chosen]:.2f} m/s", 4.4, partial(_surfaces, shown, contest.whole)),

@@ -10,7 +10,6 @@ in closed form (models/analytic/cloth.py), observed with 0.5 mm of noise per axi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,15 +115,3 @@ def film(velocity: Array, spin: Array, friction: float, noise: float, rng: np.ra
     flat = np.append(velocity[:2], 0.0)[:2]
     xy, _, _ = state_at(after, np.zeros(2), flat, spin, SNOOKER_BALL.radius, friction, ROLLING_FRICTION, 22.0)
     return times, xy + rng.normal(0.0, noise, xy.shape)
-
-
-def exact_strokes(
-    hidden: Hidden, strokes: Sequence[tuple[int, float, float]]
-) -> dict[tuple[int, float, float], tuple[float, float]]:
-    """Ball speed [m/s] and squirt [rad] of error-free strokes (string, x0_mm, y0_mm)."""
-    launcher, strings, out = hidden_launcher(hidden), LauncherModel(), {}
-    for string, x0_mm, y0_mm in strokes:
-        side, height = 1e-3 * x0_mm + hidden.side_zero, 1e-3 * y0_mm + hidden.height_zero
-        stroke = strike(launcher, strings.cue_speed(string), side, height)
-        out[string, x0_mm, y0_mm] = float(np.hypot(*stroke.velocity[:2])), stroke.squirt + hidden.aim_zero
-    return out

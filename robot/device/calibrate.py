@@ -98,7 +98,7 @@ def summarise(shots: Iterable[Done]) -> tuple[StringSpeed, ...]:
     )
 
 
-def speed_table(measured: Sequence[StringSpeed], source: str = "") -> SpeedTable:
+def speed_table(measured: Sequence[StringSpeed]) -> SpeedTable:
     """The calibration from measured strings; BadInput if a faster string was not measured faster."""
     ordered = sorted(measured, key=lambda row: row.string)
     for fast, slow in pairwise(ordered):
@@ -108,32 +108,24 @@ def speed_table(measured: Sequence[StringSpeed], source: str = "") -> SpeedTable
                 "speeds must fall from string to string: use strings farther apart, or more repeats"
             )
     strokes = sum(row.strokes for row in ordered)
-    source = source or f"{strokes} strokes at {len(ordered)} strings, measured by the launcher"
+    source = f"{strokes} strokes at {len(ordered)} strings, measured by the launcher"
     speeds = tuple(round(row.mean, 6) for row in ordered)  # the launcher reports whole micrometres a second
     return SpeedTable(tuple(row.string for row in ordered), speeds, source)
 
 
-def calibration_from(shots: Iterable[Done], source: str = "") -> SpeedTable:
-    """The calibration table (strings, speeds [m/s]) of measured strokes; BadInput if speeds do not fall."""
-    return speed_table(summarise(shots), source)
-
-
-def write_calibration(
-    settings_file: Path | str | None, measured: Sequence[StringSpeed], out: Path | str, source: str = ""
-) -> Settings:
+def write_calibration(settings_file: Path | str | None, measured: Sequence[StringSpeed], out: Path | str) -> Settings:
     """Write a launcher's file with a new [calibration] and its other values, completely or not at all.
 
     Args:
         settings_file: file with the other values, without its comments; None for the paper's launcher.
         measured: of at least two strings.
         out: file to write; may be the same.
-        source: the origin of the table, for the file.
 
     Raises:
         BadInput: a missing file, speeds that do not fall, or a file that cannot be written.
     """
     old = read_settings(settings_file) if settings_file is not None else Settings()
-    new = replace(old, calibration=speed_table(measured, source))
+    new = replace(old, calibration=speed_table(measured))
     write_settings(new, out)
     return new
 

@@ -217,11 +217,6 @@ class Link:
         self._log.write("stop", began, confirmed=report.confirmed, bytes=sent)
         return report
 
-    @property
-    def halted(self) -> bool:
-        """Whether a stop was sent and no reset has been confirmed since."""
-        return self._halted.is_set()
-
     def release(self) -> None:
         """Allow motions again, once the launcher has confirmed a reset."""
         self.elsewhere.forget()

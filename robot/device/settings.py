@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Protocol
@@ -163,11 +162,6 @@ class Settings:
     limits: Limits = field(default_factory=Limits)
     stage: Stage = field(default_factory=Stage)
     calibration: Annotated[SpeedTable, Allowed(needs=("strings", "speeds"))] = SpeedTable(source=PAPER_SOURCE)
-
-    def with_table(self, strings: Sequence[int], speeds: Sequence[float], source: str) -> Settings:
-        """The settings with a calibrated table; speeds [m/s]."""
-        table = SpeedTable(tuple(int(n) for n in strings), tuple(float(v) for v in speeds), source)
-        return dataclasses.replace(self, calibration=table)
 
     def check_speed(self, string: int) -> float:
         """Cue speed of a string [m/s]; BadInput if it is not calibrated, or beyond the limits."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from models.files import write_whole
+from models.messages import counted
 from models.recording.film import Film
 from models.recording.story import SeriesRecording, SeriesShot, Way, write_story
 from models.report.figure import Draw, png, svg
@@ -66,9 +67,8 @@ def sentences(story: History) -> list[str]:
     count = len(story.shots)
     if not count:
         return ["No shot was played yet.", *_ended(story)]
-    out = [
-        f"{_many(count, 'shot')} played, {_many(len(story.refits), 'refit')} of the table's model and the cueing map."
-    ]
+    refits = counted(len(story.refits), "refit")
+    out = [f"{counted(count, 'shot')} played, {refits} of the table's model and the cueing map."]
     shown = ends(story)
     misses_m = [story.median_miss(*block) for block in shown]
     first = f"In the first block ({_range(shown[0])}) the cue ball missed by {millimetres(misses_m[0])}"
@@ -110,7 +110,7 @@ def _effects(story: History) -> list[str]:
         parts = [", ".join(change.added)] * bool(change.added)
         parts += [f"{', '.join(change.dropped)} dropped"] * bool(change.dropped)
         if parts:
-            found.append(f"after {_many(change.shots, 'shot')} {', '.join(parts)}")
+            found.append(f"after {counted(change.shots, 'shot')} {', '.join(parts)}")
     rest = story.refits[-1].unexplained
     return [
         f"Found: {'; '.join(found)}." if found else "No effect beyond the base was found.",
@@ -122,10 +122,10 @@ def _pots(story: History, block: Block) -> list[str]:
     predicted, potted, seen = pot_count(story, (1, len(story.shots)))
     if not seen:
         return ["No shot was seen to its end."]
-    counted = f"Pots: {predicted:.1f} predicted and {potted} seen, of {_many(seen, 'shot')} whose end was seen"
+    pots = f"Pots: {predicted:.1f} predicted and {potted} seen, of {counted(seen, 'shot')} whose end was seen"
     late = pot_count(story, block)
     more = f"; in {_range(block)}: {late[0]:.1f} predicted and {late[1]} seen, of {late[2]}"
-    return [f"{counted}{more if len(ends(story)) > 1 else ''}."]
+    return [f"{pots}{more if len(ends(story)) > 1 else ''}."]
 
 
 def _ended(story: History) -> list[str]:
@@ -207,7 +207,7 @@ def _shot(shot: PlayedShot, median: float) -> SeriesShot:
             ("miss predicted", millimetres(shot.spread)),
             ("launcher's repeatability", millimetres(shot.floor)),
             ("from the wanted position", millimetres(shot.from_wanted)),
-            ("model fitted to", _many(shot.learnt, "shot")), ("remarks", "; ".join(remarks) or NO_VALUE)]  # fmt: skip
+            ("model fitted to", counted(shot.learnt, "shot")), ("remarks", "; ".join(remarks) or NO_VALUE)]  # fmt: skip
     page = "\n".join(
         [f"# Shot {shot.number}", str(shot.plan.get("kind") or ""), "", "| | |", "|---|---|"]
         + [f"| {a} | {' '.join(b.replace('|', '/').split())} |" for a, b in rows]
@@ -224,9 +224,8 @@ def _lesson(refit: Refit, added: Sequence[str]) -> str:
     """The findings of a refit, in a line."""
     new = f"new: {', '.join(added)}" if added else "nothing new"
     left = f"; left: {refit.unexplained}" if refit.unexplained else ""
-    return (
-        f"refit after {_many(refit.shots, 'shot')}: {new}; distance {_rms(refit.rms)}, chi2 {number(refit.chi2)}{left}"
-    )
+    after = counted(refit.shots, "shot")
+    return f"refit after {after}: {new}; distance {_rms(refit.rms)}, chi2 {number(refit.chi2)}{left}"
 
 
 def _array(values: object) -> Array:
@@ -257,10 +256,6 @@ def _rms(metres: float | None) -> str:
 
 def _percent(chance: float | None) -> str:
     return NO_VALUE if chance is None or not math.isfinite(chance) else f"{100 * chance:.0f} %"
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def _range(block: Block) -> str:

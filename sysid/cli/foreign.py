@@ -122,8 +122,8 @@ def import_(
     progress.close()
     for line in found.says:
         print(line)
-    for line in found.assumed:
-        print(f"assumed: {line}")
+    for message in found.assumed:
+        print(f"assumed: {message.for_command()}")
     if camera is not None and math.isfinite(camera.place_sd_m):
         print(f"positions are known to {1e3 * camera.place_sd_m:.2g} mm rms, by the camera's calibration")
     picture = picture_file or out.with_name(out.name + ".png")

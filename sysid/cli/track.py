@@ -124,7 +124,7 @@ def track(progress: Progress, filmed: Filmed, outputs: TrackOutputs, live: Live)
             refused.append(one.refused)
             print(f"left out: {one.refused}\n" * several, end="")
         elif one.film is None:
-            print(f"{one.name}: its clips in {outputs.out} are kept; track it anew with --force")
+            print(f"{one.name}: its clips in {outputs.out} are kept; use --force to track it again")
         else:
             print("\n".join(one.film.lines()))
             outputs.draw(one.film, progress)

@@ -30,7 +30,6 @@ MIN_COVERAGE = 0.25  # least share of the table's length that rows must cover; w
 MIN_BALL_PIXELS = 3.0  # smallest diameter of a ball that can be tracked in a picture
 AT_CUSHION = 0.05  # largest distance of a turn from the cushion, over half the table
 MIN_TURNS = 2  # fewest turns at cushions that support a reading
-MAX_ROWS = 4000  # most rows of a clip set that extents are computed from
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 ParameterPrior = tuple[Array, Array]  # mean and sd (9,) of the parameters: inf if unknown, 0 if held
 
 # Parameters: r0 (2) [m], v0 (2) [m/s], d (2) [m/s], ln(mu_s g), ln(mu_r g), acceleration across the path [m/s^2].
-LN_SLIDE, LN_ROLL, ACROSS = 6, 7, 8
+LN_SLIDE, LN_ROLL = 6, 7
 WIDE_PRIOR: ParameterPrior = (
     np.array([0, 0, 0, 0, 0, 0, math.log(2.0), math.log(0.12), 0.0]),
     np.array([np.inf, np.inf, np.inf, np.inf, 3.0, 3.0, 1.0, 0.7, 0.03]),

@@ -27,9 +27,9 @@ TOLERANCE = 1e-4  # share of the loss by which a step must lower it for another 
 log = logging.getLogger(__name__)
 
 
-def settled_states(chain: Chain, states: Array, c: Array, steps: int, sd: Array | None = None) -> Array:
-    """States (w, p) of windows at constants (q,) from nearly right ones; `sd` of the gaps, if other than `gap_sd`."""
-    sd = chain.gap_sd(states) if sd is None else sd
+def settled_states(chain: Chain, states: Array, c: Array, steps: int) -> Array:
+    """States (w, p) of windows at constants (q,) from nearly right ones."""
+    sd = chain.gap_sd(states)
 
     def work() -> tuple[Array, ...]:
         return (_settled(chain, states, c, steps, sd),)

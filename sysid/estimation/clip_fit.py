@@ -60,7 +60,7 @@ class ClipFit:
 
 
 @on_one_blas_thread
-def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> ClipFit:
+def fit_clips(clip_set: ClipSet, model: Model) -> ClipFit:
     """Fit every constant of the model's stack to the training clips of a set.
 
     Raises:
@@ -68,13 +68,13 @@ def fit_clips(clip_set: ClipSet, model: Model, command: str = "sysid fit") -> Cl
     """
     parts, cloth, model = split(clip_set, model)
     parts, _, found = fit_from_nothing(parts, model)
-    return _clip_fit(parts, found, cloth, command)
+    return _clip_fit(parts, found, cloth)
 
 
-def _clip_fit(parts: Split, found: FittedModel, cloth: OpenCloth, command: str) -> ClipFit:
+def _clip_fit(parts: Split, found: FittedModel, cloth: OpenCloth) -> ClipFit:
     band = band_rate(found)
     files = [c.file for c in parts.training.clips]
-    made = as_model(found, command, files, {"segment_ratio": cloth.ratio, "band_rate": band})
+    made = as_model(found, "sysid fit", files, {"segment_ratio": cloth.ratio, "band_rate": band})
     return ClipFit(parts, found, made, cloth.ratio, band)
 
 

@@ -73,9 +73,9 @@ def weighed_scores(problem: ShotProblem, x: Array, c: Array, rate: float) -> tup
     return losses + logs, used.sum(axis=1)
 
 
-def fit_states(problem: ShotProblem, x: Array, c: Array, steps: int, tolerance: float = 1e-4) -> Array:
+def fit_states(problem: ShotProblem, x: Array, c: Array, steps: int) -> Array:
     """Refine initial states (n, p) at constants (q,) by a number of steps."""
-    found, _ = fit_each(problem.objective(), x, c, steps, tolerance=tolerance)
+    found, _ = fit_each(problem.objective(), x, c, steps)
     return found
 
 

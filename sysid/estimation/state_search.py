@@ -58,12 +58,6 @@ class Optima:
         """The best state of every shot: (n, p)."""
         return self.states[np.unique(self.shots, return_index=True)[1]]
 
-    def with_best(self, states: Array) -> Optima:
-        """The same optima with other states in place of the best ones: (n, p)."""
-        moved = self.states.copy()
-        moved[np.unique(self.shots, return_index=True)[1]] = states
-        return Optima(self.shots, moved)
-
     def only(self, rows: Index) -> Optima:
         """The optima of some shots, renumbered in that order; `rows` ascending."""
         mine = np.isin(self.shots, rows)

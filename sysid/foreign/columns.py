@@ -5,6 +5,7 @@ In: the `Columns` of a file. Out: `RawTrack`s in the file's units, and the units
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from models.errors import BadInput
 from models.files.faults import closest, listed, shown
 from models.files.limits import MAX_BALLS, excess
+from models.messages import Option, OptionError
 from models.shot import Array
 from sysid.clips.readings import METRES_BY_UNIT
 from sysid.clips.rows import MAX_PLACE, MAX_STAMP
@@ -64,25 +66,31 @@ class RawClip:
     left_out: tuple[str, ...] = ()  # columns that are not used
 
 
+def named(**columns: str) -> Option:
+    """The option that names columns, by their meaning."""
+    pairs = ",".join(f"{what}={name}" for what, name in columns.items())
+    return Option(f"--columns {pairs}", f"columns={json.dumps(columns, ensure_ascii=False)}")
+
+
 def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
     """The tracks of a file; `given` maps meanings (t, frame, ball, x, y, theta, cue.speed) to names of columns."""
     for what, name in given.items():
         if what not in KNOWN_NAMES:
-            raise BadInput(f"--columns {what}={name}: name one of {', '.join(KNOWN_NAMES)}")
+            raise OptionError(named(**{what: name}), f": name one of {', '.join(KNOWN_NAMES)}")
         if name not in found.cells:
             meant = closest(name, found.names)
             hint = f"did you mean {meant!r}?" if meant else f"it has {listed(found.names)}"
-            raise BadInput(f"--columns {what}={name}: {found.file} has no column {name!r}; {hint}")
+            raise OptionError(named(**{what: name}), f": {found.file} has no column {name!r}; {hint}")
     known = {what: given.get(what) or _by_name(found.names, what) for what in KNOWN_NAMES}
     columns = {what: name for what, name in known.items() if name}
     stamp = columns.get("t") or columns.get("frame")
     pairs = {LONE_BALL: (columns["x"], columns["y"])} if {"x", "y"} <= columns.keys() else _wide(found.names)
     if stamp is None or not pairs:
         missing = "time" if stamp is None else "place"
-        raise BadInput(
-            f"{found.file}: no column of {listed(found.names)} is a {missing}: name it with "
-            "--columns t=NAME,ball=NAME,x=NAME,y=NAME, or name pairs such as cue_x, cue_y"
-        )
+        raise OptionError(
+            f"{found.file}: no column of {listed(found.names)} is a {missing}: name it with ",
+            named(t="NAME", ball="NAME", x="NAME", y="NAME"), ", or name pairs such as cue_x, cue_y",
+        )  # fmt: skip
     used = {*columns.values(), *(name for pair in pairs.values() for name in pair)}
     time_unit = TIME_UNITS.get(_unit(stamp) or "") if columns.get("t") else "frames"
     if columns.get("t") and _bare(stamp) in ("ms", "milliseconds"):
@@ -168,9 +176,8 @@ def _tracks(
     index: dict[str, int] = {}
     cells = found.cells[columns["ball"]] if long else ("",) * len(time)
     of_row = np.array([index.setdefault(name, len(index)) for name in cells], np.int64)
-    hint = f"name the column of balls with --columns ball=NAME, not {columns.get('ball', '')!r}"
-    if problem := excess(max(len(index), len(pairs)), MAX_BALLS, "balls", hint):
-        raise BadInput(f"{found.file}: {problem}")
+    if problem := excess(max(len(index), len(pairs)), MAX_BALLS, "balls", "name the column of balls with "):
+        raise OptionError(f"{found.file}: {problem}", named(ball="NAME"), f", not {columns.get('ball', '')!r}")
     tracks = {}
     for ball, (x, y) in pairs.items():
         xy = np.column_stack([column(x, MAX_PLACE), column(y, MAX_PLACE)])
@@ -182,10 +189,10 @@ def _tracks(
             twice = np.flatnonzero(np.diff(time[rows]) == 0)
             if len(twice):
                 line = found.line(int(rows[twice[0] + 1]))
-                raise BadInput(
+                raise OptionError(
                     f"{found.file}, row {line}: ball {name!r} appears twice at one time: keep "
-                    "one row; if there are several shots, name the column that numbers them with --columns shot=NAME"
-                )
+                    "one row; if there are several shots, name the column that numbers them with ", named(shot="NAME"),
+                )  # fmt: skip
             if len(rows):
                 angle = theta[rows] if len(pairs) == 1 else np.full(len(rows), math.nan)
                 tracks[name] = RawTrack(time[rows], xy[rows], angle)

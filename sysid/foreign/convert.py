@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import BadInput
+from models.messages import MessageParts, Option, OptionError, option
 from models.shot import Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.readings import (
@@ -47,7 +48,8 @@ from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns
 from sysid.foreign.times import StampClock, read_clock
 
-PIXELS_REMEDY = "; if they are pixels, give --camera CAM.toml (made with: sysid calibrate)"
+CAMERA_FILE = " (made with: sysid calibrate)"
+PIXELS_REMEDY = ("; if they are pixels, give ", option("camera", "CAM.toml"), CAMERA_FILE)
 RIVAL_COVERAGE = 0.5  # least coverage of a competing reading, over that of the likeliest one
 
 
@@ -69,9 +71,9 @@ class Stated:
 
     def for_pixels(self) -> bool | None:
         """Whether y points down in pictures; BadInput if something is stated that the camera's file determines."""
-        apart = {"unit": self.unit, "origin": self.corner, "x-along": self.exchanged, "turned": self.turned}
-        for option in (name for name, value in apart.items() if value is not None):
-            raise BadInput(f"--{option}: the camera's file determines this; omit one of the two")
+        apart = {"unit": self.unit, "origin": self.corner, "x_along": self.exchanged, "turned": self.turned}
+        for stated in (name for name, value in apart.items() if value is not None):
+            raise OptionError(option(stated), ": the camera's file determines this; omit one of the two")
         return self.y_down
 
     def readings(self, unit: str | None) -> list[Reading]:
@@ -103,7 +105,7 @@ class Imported:
 
     clip_set: ClipSet
     says: tuple[str, ...]
-    assumed: tuple[str, ...]
+    assumed: tuple[MessageParts, ...]
 
 
 def import_files(
@@ -186,10 +188,10 @@ def _clip(raw: RawClip, shot: ShotFile, clock: StampClock, struck: str | None) -
     return Clip(shot.file, struck, balls, cue, shot.note, shot.extra)
 
 
-def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[str]]:
+def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSet, str, list[MessageParts]]:
     """The clip set in metres from the table's centre, a description of the conversion, and assumptions."""
     if "px" in (stated.unit, unit):
-        raise BadInput("coordinates are in pixels: give the camera's file with --camera (made with: sysid calibrate)")
+        raise OptionError("coordinates are in pixels: give the camera's file with ", option("camera"), CAMERA_FILE)
     among = stated.readings(unit)
     fits = likely_readings(clip_set, among)
     if not fits and len(among) > 1:
@@ -198,13 +200,13 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
     rivals = [one.reading for one in fits[1:] if _rivals(one, fits[0])]
     if rivals:
         either = f"{best.looks()}, or {rivals[0].looks()}"
-        raise BadInput(f"{_extents(clip_set)}: {either}? {_ask([best, *rivals])}")
+        raise OptionError(f"{_extents(clip_set)}: {either}? ", *_ask([best, *rivals]))
     settled = stated.unit or unit or (bool(fits) and fits[0].shows_scale)
     if not settled and may_be_pixels(clip_set):
-        raise BadInput(
+        raise OptionError(
             f"{_extents(clip_set)}: {best.looks()}, or pixels? neither cushions nor ball sizes decide; "
-            f"if they are lengths, give --unit {best.unit}{PIXELS_REMEDY}"
-        )
+            "if they are lengths, give ", option("unit", best.unit), *PIXELS_REMEDY,
+        )  # fmt: skip
     reading = best
     if stated.y_down is None or stated.turned is None:
         found = directed(clip_set, best)
@@ -213,10 +215,10 @@ def _placed(clip_set: ClipSet, stated: Stated, unit: str | None) -> tuple[ClipSe
         reading = found if found is not None and agrees else best
     assumed = []
     if reading == best and stated.y_down is None and not _has_commands(clip_set):
-        assumed.append(
+        assumed.append(MessageParts((
             "y is taken to point up, so that x, y and up are right-handed; the tracks do not show it. If y is "
-            "counted downwards, as in pictures, give --y down, or sidespin changes its sign"
-        )
+            "counted downwards, as in pictures, give ", option("y", "down"), ", or sidespin changes its sign",
+        )))  # fmt: skip
     return read_so(clip_set, reading), _how(reading) + _because(fits), assumed
 
 
@@ -224,14 +226,15 @@ def _only_possible(clip_set: ClipSet, among: Sequence[Reading], stated_unit: str
     """The reading that puts short tracks on the table; BadInput if none does."""
     possible, extents = possible_readings(clip_set, among), _extents(clip_set)
     if not possible:
-        raise BadInput(
-            f"{extents}, which fits no table {_size(clip_set.table)} in any unit: correct --table, --unit, --origin or "
-            "--x-along; pixels need --camera (made with: sysid calibrate)"
-        )
+        raise OptionError(
+            f"{extents}, which fits no table {_size(clip_set.table)} in any unit: correct ", option("table"), ", ",
+            option("unit"), ", ", option("origin"), " or ", option("x_along"), "; pixels need ", option("camera"),
+            CAMERA_FILE,
+        )  # fmt: skip
     if len(possible) > 1:
         ask = _ask([one.reading for one in possible])
-        pixels = "" if stated_unit or not may_be_pixels(clip_set) else PIXELS_REMEDY
-        raise BadInput(f"{extents}: too small a part of the table to infer the units; {ask}{pixels}")
+        pixels = () if stated_unit or not may_be_pixels(clip_set) else PIXELS_REMEDY
+        raise OptionError(f"{extents}: too small a part of the table to infer the units; ", *ask, *pixels)
     return possible[0]
 
 
@@ -260,16 +263,19 @@ def _rivals(one: ReadingEvidence, best: ReadingEvidence) -> bool:
     return one.support >= best.support and one.coverage >= RIVAL_COVERAGE * best.coverage
 
 
-def _ask(readings: Sequence[Reading]) -> str:
-    """A request for the options that decide which reading is right."""
+def _ask(readings: Sequence[Reading]) -> list[str | Option]:
+    """A request for the options that decide which reading is right, in parts."""
     options = []
     if len({one.unit for one in readings}) > 1:
-        options.append("--unit " + "|".join(dict.fromkeys(one.unit for one in readings)))
+        options.append(option("unit", *dict.fromkeys(one.unit for one in readings)))
     if len({one.corner for one in readings}) > 1:
-        options.append("--origin centre|corner")
+        options.append(option("origin", "centre", "corner"))
     if len({one.exchanged for one in readings}) > 1:
-        options.append("--x-along length|width")
-    return f"state it with {', '.join(options)}"
+        options.append(option("x_along", "length", "width"))
+    parts: list[str | Option] = []
+    for one in options:
+        parts += [", " if parts else "state it with ", one]
+    return parts
 
 
 def _extents(clip_set: ClipSet) -> str:

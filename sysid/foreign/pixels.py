@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.messages import MessageParts, option
 from models.shot import Array
 from sysid.clips.aims import FITTING_TURN, aims, off_aim
 from sysid.clips.clip_set import ClipSet, Observation
@@ -28,7 +29,7 @@ class Pixels:
     height: int  # of the picture [pixels]
 
 
-def seen_through(pixels: Pixels, clip_set: ClipSet, y_down: bool | None) -> tuple[ClipSet, str, list[str]]:
+def seen_through(pixels: Pixels, clip_set: ClipSet, y_down: bool | None) -> tuple[ClipSet, str, list[MessageParts]]:
     """The clip set in table coordinates, a description, and assumptions; `y_down` is None if it is to be inferred."""
     says = "pixels, converted by the camera's file, y counted"
     read = {down: _placed(pixels, clip_set, down) for down in (True, False)}
@@ -37,10 +38,10 @@ def seen_through(pixels: Pixels, clip_set: ClipSet, y_down: bool | None) -> tupl
         return read[y_down], f"{says} {words[y_down]} (as stated)", []
     fits = {down: _support(one) for down, one in read.items()}
     best = fits[True] >= fits[False]
-    assumed = (
+    assumed = MessageParts((
         "y is taken to point down, as in pictures; counted upwards from the last row, the tracks fit the table as "
-        "well. If it is, give --y up, or sidespin changes its sign"
-    )
+        "well. If it is, give ", option("y", "up"), ", or sidespin changes its sign",
+    ))  # fmt: skip
     return read[best], f"{says} {words[best]}", [assumed] if fits[True] == fits[False] else []
 
 

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import BadInput
+from models.messages import Option, OptionError
 from models.shot import Array
 from sysid.clips.tempo import SOUND_INTERVAL
 from sysid.clips.units import SECONDS_BY_UNIT, are_whole
 from sysid.foreign.columns import RawClip
 
-TIME_UNITS = ("seconds", "frames", *SECONDS_BY_UNIT)
+FRAME_RATE = Option("--fps F", "fps=F")
 MAX_FRAMES_APART = 5.0  # largest usual interval of rows counted in frames
 MAX_INTERVAL_S = 0.2  # largest usual interval of rows
 ROUND_RATE = 1e-3  # relative difference within which a rate is rounded to a whole number
@@ -54,7 +55,7 @@ def read_clock(clips: Sequence[RawClip], unit: str | None, fps: float | None, no
     if unit == "frames":
         fps = fps or nominal
         if fps is None:
-            raise BadInput(f"{clips[0].file}: times count frames: give the frame rate with --fps F")
+            raise OptionError(f"{clips[0].file}: times count frames: give the frame rate with ", FRAME_RATE)
         return StampClock(unit, 1 / fps, fps, f"times count frames, {fps:g} a second")
     seconds = SECONDS_BY_UNIT.get(unit, 1.0)
     rate = 1 / (step * seconds)

@@ -24,6 +24,7 @@ from models.errors import BadInput
 from models.files.documents import entries_of
 from models.files.faults import listed
 from models.files.limits import MAX_BALLS, excess
+from models.messages import MessageParts
 from models.shot import GRAVITY, Array, Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.running import begun, usual_noise
@@ -77,7 +78,7 @@ def import_pooltool(
         f"balls of {1e3 * ball.diameter:g} mm",
         f"samples: {clip_set.fps:g} a second", *notes,
     )  # fmt: skip
-    assumed = ("laws and constants of the systems are left out: clips hold positions only",)
+    assumed = (MessageParts(("laws and constants of the systems are left out: clips hold positions only",)),)
     return Imported(clip_set, says, assumed)
 
 

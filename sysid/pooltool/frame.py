@@ -44,9 +44,3 @@ def turned_there(vector: Array) -> Array:
     """Our vectors (..., 2 or 3) in pooltool's frame: a quarter turn counter-clockwise."""
     vector = np.asarray(vector, float)
     return np.concatenate([-vector[..., 1:2], vector[..., 0:1], vector[..., 2:]], axis=-1)
-
-
-def turned_here(vector: Array) -> Array:
-    """pooltool's vectors (..., 2 or 3) in our frame."""
-    vector = np.asarray(vector, float)
-    return np.concatenate([vector[..., 1:2], -vector[..., 0:1], vector[..., 2:]], axis=-1)

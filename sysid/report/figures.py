@@ -264,7 +264,7 @@ def is_moving(samples: Samples) -> NDArray[np.bool_]:
     return np.array([motion != "rest" for motion in samples.motion], dtype=bool)
 
 
-def binned(x: Array, y: Array, most: int = MAX_BINS) -> Array:
+def binned(x: Array, y: Array) -> Array:
     """Bins of about equal count: (n, 4) median x, then the 10, 50 and 90 % quantiles of y."""
     good = np.isfinite(x) & np.isfinite(y)
     x, y = x[good], y[good]
@@ -272,9 +272,9 @@ def binned(x: Array, y: Array, most: int = MAX_BINS) -> Array:
         return np.empty((0, 4))
     values = np.unique(x)
     edges = values
-    if len(values) > most:
-        ends = np.quantile(x, np.linspace(0, 1, most + 1))
-        place = np.floor((ends - ends[0]) / (ends[-1] - ends[0]) * 4 * most)
+    if len(values) > MAX_BINS:
+        ends = np.quantile(x, np.linspace(0, 1, MAX_BINS + 1))
+        place = np.floor((ends - ends[0]) / (ends[-1] - ends[0]) * 4 * MAX_BINS)
         edges = ends[:-1][np.diff(place, prepend=-1.0)[:-1] > 0]  # one bin where many would crowd
     index = np.searchsorted(edges, x, side="right") - 1
     groups = [index == k for k in range(len(edges))]

@@ -21,7 +21,6 @@ from sysid.report.health import health
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import Screening
 
-MAX_NOISE_RATIO = 1.1  # held-out miss over that of the noise alone, up to which the noise is reached
 CERTAIN_BIC = 10.0  # "very strong" evidence (Kass and Raftery 1995), of an effect that
 CERTAIN_SHARE = 0.95  # of the draws of the clips find: it is certain then
 IMAGE_QUANTITIES = ("image_x", "image_y")  # of formulas: what the camera shows, not what balls do

@@ -20,6 +20,7 @@ from sysid.validation.shots import ANALYTIC_MODEL, MATHAVAN_TABLE, SNOOKER_BALL
 POSITION_NOISE_M, ANGLE_NOISE_RAD = 2e-4, 0.02  # noise of positions, and of the white ball's mark
 CAMERA_FPS = 120.0
 SHOT_KINDS = ("open", "ball", "cushion")
+CLIP_COUNT = 30
 RANDOM_SEED = 11
 
 
@@ -47,10 +48,10 @@ def _shot(kind: str, rng: np.random.Generator) -> Shot:
     return Shot(names, places, velocity, spin, np.arange(0, 1.5, 1 / CAMERA_FPS))
 
 
-def write_clips(folder: Path | str, count: int = 30) -> None:
-    """Write `count` clips with noise, and `native.toml`, the MJCF's own contacts, to start a fit from."""
+def write_clips(folder: Path | str) -> None:
+    """Write clips with noise, and `native.toml`, the MJCF's own contacts, to start a fit from."""
     rng = np.random.default_rng(RANDOM_SEED)
-    shots = [_shot(SHOT_KINDS[k % len(SHOT_KINDS)], rng) for k in range(count)]
+    shots = [_shot(SHOT_KINDS[k % len(SHOT_KINDS)], rng) for k in range(CLIP_COUNT)]
     clips = []
     for k, track in enumerate(play(ANALYTIC_MODEL, shots)):
         balls = {}

@@ -277,10 +277,10 @@ def cueing(few: bool = False) -> list[MatchResult]:
     ]
 
 
-def effects_of(names: Sequence[str] | None = None) -> list[str]:
-    """Effects of the catalogue, or those named, that the event engine can play, without the base's; "" for none."""
+def playable_effects() -> list[str]:
+    """Effects of the catalogue that the event engine can play, without the base's; "" for none."""
     base = full_model(FULL_TABLE, SNOOKER_BALL)
-    found = [n for n in names or catalogue() if n not in {e.name() for e in base.effects}]
+    found = [n for n in catalogue() if n not in {e.name() for e in base.effects}]
     return ["", *(n for n in found if not lacking(base.add(catalogue()[n]())))]
 
 
@@ -315,7 +315,7 @@ def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Matc
         parts.append(partial(published, p))
     parts += [partial(more_shots, what, shots) for what in ("effects", "jaws")]
     parts += [partial(energy, 10 * shots), partial(cueing, few)]
-    parts += [partial(effect, name, min(shots, 40)) for name in effects_of()]
+    parts += [partial(effect, name, min(shots, 40)) for name in playable_effects()]
     for part in parts:
         yield from part()
 

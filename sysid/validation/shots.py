@@ -28,6 +28,7 @@ MATHAVAN_CONSTANTS = {
 }  # fmt: skip
 ANALYTIC_MODEL = full_model(MATHAVAN_TABLE, SNOOKER_BALL).with_values(MATHAVAN_CONSTANTS)
 LEAD_TIME_S = 1e-4  # time from the start to the touch
+MAX_IMPACTS = 4  # of a random shot
 RANDOM_SEED = 3
 
 
@@ -92,8 +93,8 @@ def impact_states(kind: str, count: int = 500) -> tuple[Array, Array]:
     return fixed, some
 
 
-def random_shots(count: int = 200, max_impacts: int = 4) -> tuple[list[Shot], list[Track]]:
-    """Shots of one to three balls with one to `max_impacts` impacts, sampled when the struck ball rests, and tracks."""
+def random_shots(count: int) -> tuple[list[Shot], list[Track]]:
+    """Shots of one to three balls with one to four impacts, sampled when the struck ball rests, and tracks."""
     rng = np.random.default_rng(RANDOM_SEED)
     shots: list[Shot] = []
     half = MATHAVAN_TABLE.centre_limits(SNOOKER_BALL) - 0.1
@@ -116,7 +117,7 @@ def random_shots(count: int = 200, max_impacts: int = 4) -> tuple[list[Shot], li
         shot = Shot(names, places, velocity, spin, times)
         track = play(ANALYTIC_MODEL, [shot])[0]
         rest = int(np.argmax(~np.any(track.velocity[:, 0], axis=-1)))
-        if 1 <= len(track.events) <= max_impacts and rest > 0:
+        if 1 <= len(track.events) <= MAX_IMPACTS and rest > 0:
             shots.append(dataclasses.replace(shot, times=times[[0, rest]]))
     return shots, play(ANALYTIC_MODEL, shots)
 

@@ -39,7 +39,7 @@ class NoCamera(BadInput):
     """No camera over the table was found; `draw` shows what was seen."""
 
     def __init__(self, why: str, seen: SeenTable) -> None:
-        """Why, and what was seen."""
+        """Why none was found, and what the picture shows."""
         super().__init__(why)
         self.seen = seen
 
@@ -70,7 +70,7 @@ class FoundCamera:
 
     @property
     def lacks_focal_length(self) -> bool:
-        """Whether all that is in doubt is the focal length, which no corners tell."""
+        """Whether the focal length, which corners do not determine, is all that is in doubt."""
         return bool(self.doubts) and all(map(is_of_focal_length, self.doubts))
 
     def rows(self) -> list[tuple[str, str]]:
@@ -121,7 +121,8 @@ def calibrate(
     picture = np.rint(view.picture).astype(np.uint8)
     if hints.lens is not None and hints.lens.size != picture.shape[1::-1]:
         size = picture.shape[1::-1]
-        raise BadInput(f"the board was filmed at {hints.lens.size}, the table at {size} pixels: film both alike")
+        w, h = hints.lens.size
+        raise BadInput(f"the board was filmed at {w}x{h} pixels, the table at {size[0]}x{size[1]}: use one size")
     if click is not None:
         hints = replace(hints, corners=clicked(picture, len(hints.sees), click))
         click(f"clicked: {as_option(np.asarray(hints.corners))}")
@@ -130,7 +131,7 @@ def calibrate(
             view.picture, table, diameter, hints, stills=view.stills, source=", ".join(view.used), progress=progress
         )
     except BadInput as error:
-        progress("looking at what is seen all the same")
+        progress("examining the picture for what it shows of a table")
         raise NoCamera(str(error), seen_table(picture, table, diameter, hints.corners, hints.marker_size)) from error
     camera = replace(
         found.camera, place_sd_m=calibration_report.place_sd(found)[0], sides=side_profiles([picture], found.camera)

@@ -45,7 +45,7 @@ class Details:
             return ""
         return (
             f"cue tip {c.speed:.3f} +- {c.speed_sd:.3f} m/s at {math.degrees(c.azimuth):.2f} +- "
-            f"{math.degrees(c.azimuth_sd):.2f} deg, {1e3 * c.side:+.1f} +- {1e3 * c.side_sd:.1f} mm to the right"
+            f"{math.degrees(c.azimuth_sd):.2f} deg, side offset {1e3 * c.side:+.1f} +- {1e3 * c.side_sd:.1f} mm"
         )
 
 
@@ -88,7 +88,7 @@ def details(
         while waiting and frame.time > result.shots[waiting[0]].time + CUE_TAIL_S:
             k = waiting.pop(0)
             cues[k] = _cue_of(result, k, [(t, p) for t, p in recent if t <= result.shots[k].time + CUE_TAIL_S], camera)
-            progress(f"shot {k + 1} of {len(result.shots)}: cue and marks")
+            progress(f"shot {k + 1} of {len(result.shots)}: measuring cue and marks")
         while recent and (not waiting or recent[0][0] < result.shots[waiting[0]].time - CUE_LEAD_S):
             recent.popleft()
         for number, name, row in by_frame.get(frame.index, ()):

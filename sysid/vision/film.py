@@ -118,7 +118,7 @@ def track_film(
     footage = open_footage(video, taken.fps)
     if footage.size != tuple(taken.camera.size):
         sizes = " and ".join(f"{w} x {h}" for w, h in (footage.size, taken.camera.size))
-        raise BadInput(f"{video}: {sizes} pixels in video and {taken.camera_name}; calibrate with this video's frames")
+        raise BadInput(f"{video}: {sizes} pixels in the video and in {taken.camera_name}; calibrate with this video")
     return track_footage(footage, taken, progress, feed)
 
 
@@ -145,7 +145,7 @@ def track_footage(
     mass = taken.mass if taken.mass is not None else usual
     remarks = [*footage.assumed, *detector.notes, *result.notes]
     if taken.mass is None:
-        remarks.append(f"mass {mass:.4f} kg, that of a {game} ball of this size: give yours with --mass")
+        remarks.append(f"mass {mass:.4f} kg assumed, as of a {game} ball of this size: give the true one with --mass")
     extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
     clips = clip_set(result, camera, mass, result.picture_rate or footage.fps, extras) if result.shots else None
     return TrackedFilm(footage.name, result, tuple(seen), clips, tuple(remarks), footage.fps, camera)

@@ -60,9 +60,9 @@ class FilmSet:
         """
         begun = folder.is_dir() and (folder / "clips.toml").is_file() and finished(folder) is not None
         if folder.exists() and not anew and not begun and (not folder.is_dir() or any(folder.iterdir())):
-            raise BadInput(f"{folder}: is there already; choose another folder, or replace a clip set with --force")
+            raise BadInput(f"{folder}: already exists; choose another folder, or replace a clip set with --force")
         if folder.is_dir() and any(folder.iterdir()) and not (folder / "clips.toml").is_file():
-            raise BadInput(f"{folder}: holds something else than a clip set; choose another folder")
+            raise BadInput(f"{folder}: is not a clip set; choose another folder")
         self.named, self.folder, self._anew = names_of(videos), folder, anew
         self.clip_set: ClipSet | None = None  # so far
 

@@ -53,7 +53,7 @@ def films_of(clip_set: ClipSet, folder: Path | None = None) -> tuple[list[Film],
 def missing_line(missing: Sequence[str], folder: Path | None) -> str:
     """What is said of films that are not found, in a folder where one was given."""
     if folder is not None:
-        return f"{folder} holds no film of {named(missing)}: these clips are shown without"
+        return f"{folder} holds no film of {named(missing)}: these clips are shown without a film"
     return f"film not found of {named(missing)}: give its folder with --video DIR"
 
 

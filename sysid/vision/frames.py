@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files.limits import MAX_FRAMES, MAX_PICTURE_PIXELS
+from models.messages import OptionError, counted, option
 from sysid.vision.times import read_times
 
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # it is read once, when a video is first opened or written
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
@@ -77,7 +77,7 @@ class Footage:
         self.count = source.count
         first = next((picture for _, picture in source.read() if picture is not None), None)
         if first is None:
-            raise BadInput(f"{source.name}: holds no readable picture; record it anew or convert it")
+            raise BadInput(f"{source.name}: holds no readable picture; record it again or convert it")
         self.size: tuple[int, int] = (first.shape[1], first.shape[0])
 
     @property
@@ -91,9 +91,9 @@ class Footage:
         so_far = "" if self._whole else " so far"
         lines = [*self._frame_times.notes]
         if self._missing:
-            lines.append(f"{self._missing} frame{'s' * (self._missing > 1)} missing{so_far}: left as gaps in time")
+            lines.append(f"{counted(self._missing, 'frame')} missing{so_far}: left as gaps in time")
         if self._broken:
-            lines.append(f"{self._broken} frame{'s' * (self._broken > 1)} unreadable{so_far}: left out")
+            lines.append(f"{counted(self._broken, 'frame')} unreadable{so_far}: left out")
         return tuple(lines)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -201,8 +201,8 @@ class Video:
         steps = np.diff(stamps)
         if len(steps) == 0 or not (steps > 0).all():
             if len(steps) and not (math.isfinite(rate) or fps):
-                raise BadInput(
-                    f"{self.name}: has neither frame times nor a rate; give the rate at which it was taken with --fps"
+                raise OptionError(
+                    f"{self.name}: has neither frame times nor a frame rate; give one with ", option("fps")
                 )
             # Every frame is then assumed to follow the one before: `steps` counts at least one.
             period = 1.0 / (rate if math.isfinite(rate) else fps or 1.0)
@@ -228,7 +228,6 @@ class Pictures:
         """`name` is what the user gave."""
         self.name, self.paths, self.files, self.count = name, list(paths), list(paths), len(paths)
         self._read_times = np.arange(len(paths), dtype=float)
-        self._timed = False
 
     def frame_times(self, fps: float | None) -> FrameTimes:
         """Times from the file beside the pictures, from the numbers in their names, or at an even rate."""
@@ -241,9 +240,8 @@ class Pictures:
                     FrameTimes(period, False, 1.0, (f"frame times from {time_file.name}, {1 / period:.6g}/s",)), fps
                 )
         if fps is None and len(self.paths) > 1:
-            raise BadInput(
-                f"{self.name}: pictures have no times; give their rate with --fps or put times.csv beside them"
-            )
+            text = f"{self.name}: pictures have no times; put times.csv beside them, or give their frame rate with "
+            raise OptionError(text, option("fps"))
         numbers = [int(found[-1]) if (found := re.findall(r"\d+", p.stem)) else -1 for p in self.paths]
         steps = np.diff(numbers)
         notes = f"pictures taken at an even {fps or 1.0:.6g}/s"
@@ -277,7 +275,7 @@ def open_footage(path: Path | str, fps: float | None = None) -> Footage:
     """
     name = str(path)
     if fps is not None and not 0 < fps < math.inf:
-        raise BadInput(f"--fps {fps:g}: must be the number of frames taken in a second, above 0")
+        raise OptionError(option("fps"), f" is {fps:g}: give the number of frames taken in a second, above 0")
     location = Path(path)
     if location.is_dir():
         found = [p for p in location.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES and not p.name.startswith(".")]
@@ -286,7 +284,7 @@ def open_footage(path: Path | str, fps: float | None = None) -> Footage:
             raise BadInput(f"{name}: holds no pictures ({kinds}); name a video or such a folder")
     elif location.is_file():
         if location.stat().st_size == 0:
-            raise BadInput(f"{name}: is empty; record or copy it anew")
+            raise BadInput(f"{name}: is empty; record or copy it again")
         if location.suffix.lower() not in PICTURE_SUFFIXES:
             return Footage(Video(location), fps)
         found = [location]
@@ -323,7 +321,7 @@ def read_picture(path: Path) -> Picture | None:
             picture = _as_colour(cv2.imread(str(path), cv2.IMREAD_COLOR))
         except (OSError, cv2.error):
             return None
-    # OpenCV refuses them undecoded, unless it was imported before a command told it to.
+    # OpenCV refuses these before it decodes them, unless it was imported before a command had set that limit.
     if picture is not None and picture.shape[0] * picture.shape[1] > MAX_PICTURE_PIXELS:
         return None
     return picture

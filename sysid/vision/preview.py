@@ -10,6 +10,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files import write_whole
+from models.messages import counted
 from models.palette import ball_colour
 from sysid.vision.frames import Footage, Picture
 from sysid.vision.tracks.clips import note
@@ -52,7 +53,7 @@ def draw_clip(picture: Picture, result: Tracked, number: int) -> Picture:
     what = "spun" if shot.spun else f"struck, {shot.speed:.2f} m/s"
     words = [
         f"clip {number + 1}: {note(number + 1, shot)}",
-        f"{shot.struck} {what}, {rows.size} detections, {lost} lost",
+        f"{shot.struck} {what}, {counted(rows.size, 'detection')}, lost in {counted(lost, 'frame')}",
     ]
     scale = max(picture.shape[1] / 1600, 0.4)
     out[: int(95 * scale)] //= 3

@@ -49,8 +49,8 @@ def _of_files(path: Path, count: int) -> Iterator[Picture]:
     for k in np.unique(np.linspace(0, len(files) - 1, min(count, len(files))).astype(int)):
         picture = read_picture(files[k])
         if picture is None:
-            raise BadInput(f"{files[k]}: is not a picture that can be read; take it away or convert it to PNG")
+            raise BadInput(f"{files[k]}: is not a picture that can be read; remove it or convert it to PNG")
         if shape not in (None, picture.shape):
-            raise BadInput(f"{files[k]}: is of another size than those before it; take it away")
+            raise BadInput(f"{files[k]}: differs in size from those before it; remove it")
         shape = picture.shape
         yield picture

@@ -76,7 +76,7 @@ def find_balls(
     notes += _unrecognised(detector, camera, pictures[-1], detections)
     balls = _numbered(detections, palette.known, notes)
     if not balls:
-        raise BadInput(f"{source}: no ball is seen in the last frame; is {name} its camera, and are its balls lit?")
+        raise BadInput(f"{source}: no ball is seen in the last frame; check that {name} belongs to it, and the light")
     pixels = {name: [one.xy] for name, one in balls.items()}  # the last frame first
     expected = [Expected(one.name, one.xy) for one in balls.values()]
     for picture in list(pictures)[-2::-1]:
@@ -97,7 +97,7 @@ def _numbered(detections: Sequence[Detection], counts: Mapping[str, int], notes:
     for colour in sorted({one.name for one in detections}, key=list(counts).index):
         same = [one for one in detections if one.name == colour]
         if len(same) > (count := counts[colour]):
-            notes.append(f"{len(same)} balls look {colour}, and the palette has {count}: the most certain are used")
+            notes.append(f"{len(same)} balls look {colour}, but the palette has {count}: the most certain are used")
         number = 1
         for one in sorted(same[:count], key=lambda s: float(s.xy[0])):
             name = colour if number == 1 else f"{colour} {number}"
@@ -125,7 +125,7 @@ def _unrecognised(detector: Detector, camera: Camera, picture: Picture, detectio
     for centroid, area in zip(centroids[1:], stats[1:, cv2.CC_STAT_AREA], strict=True):
         size = area / (np.pi * detector.background.geometry.radius(centroid) ** 2)
         if size > MIN_AREA_BALLS:
-            count = "a ball" if size < 1.5 else f"{size:.0f} balls"
+            count = "one ball" if size < 1.5 else f"{size:.0f} balls"
             x, y = camera.on_plane(centroid[None], camera.radius)[0]
-            notes.append(f"something of the size of {count} at {x:.2f}, {y:.2f} m was not made out: add it by hand")
+            notes.append(f"an object of the size of {count} at {x:.2f}, {y:.2f} m was not recognised: add it by hand")
     return notes

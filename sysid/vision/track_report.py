@@ -1,4 +1,4 @@
-"""What tracking says of a film: as text, as JSON and as a recording.
+"""The result of tracking a film: as text, as JSON and as a recording.
 
 In: the result of tracking, remarks, cues and marks. Out: lines, `billiard-track/1`, and a file for Rerun.
 """
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from models.console import table
+from models.messages import counted
 from sysid.vision.camera.projection import Camera
 from sysid.vision.details import Details
 from sysid.vision.frames import Footage
@@ -24,7 +25,7 @@ TABLE_HEAD = ("clip", "time [s]", "struck", "balls", "samples", "lost", "speed [
 
 
 def rows(result: Tracked) -> list[dict[str, Any]]:
-    """What the table and the JSON file say of each clip."""
+    """The figures of each clip, for the table and the JSON file."""
     found = []
     for number, (shot, seen) in enumerate(zip(result.shots, result.found, strict=True), 1):
         lost = {name: lost_frames(result.scene, shot, path, which) for name, (path, which) in seen.items()}
@@ -67,12 +68,12 @@ def _detail(one: Details) -> dict[str, Any]:
 
 
 def _count(values: Iterable[float]) -> int:
-    """How many are known."""
+    """The number of known values."""
     return sum(math.isfinite(value) for value in values)
 
 
 def detail_lines(seen: Sequence[Details]) -> list[str]:
-    """What was seen of cues and marked balls, a line each."""
+    """Lines on the cues and the marked balls."""
     lines = []
     for number, one in enumerate(seen, 1):
         if one.tip:
@@ -81,13 +82,13 @@ def detail_lines(seen: Sequence[Details]) -> list[str]:
         for name, turned in one.turned.items():
             count, used = _count(turned.theta), _count(turned.steady)
             first = turned.sidespin
-            rate = f", at first {first.spin:+.2f} +- {first.spin_sd:.2f} rad/s" if first is not None else ""
-            lines.append(f"clip {number}: {name}: turned angle in {count} of {len(turned.theta)} pictures{rate}")
+            rate = f"; initial sidespin {first.spin:+.2f} +- {first.spin_sd:.2f} rad/s" if first is not None else ""
+            lines.append(f"clip {number}: {name}: rotation angle known in {count} of {len(turned.theta)} frames{rate}")
             if used < count:
                 drift = max(d for d in turned.drift if d == d)
                 lines.append(
-                    f"clip {number}: {name}: {used or 'none'} of these angles are written into the clip: rolling may "
-                    f"falsify the others, by {drift:.2f} rad at the end"
+                    f"clip {number}: {name}: {used or 'none'} of these angles are written into the clip: the others "
+                    f"may have drifted as the ball rolled, by {drift:.2f} rad at the end"
                 )
             lines += [f"clip {number}: {name}: {text}" for text in turned.notes]
     return lines
@@ -96,25 +97,22 @@ def detail_lines(seen: Sequence[Details]) -> list[str]:
 def lines(result: Tracked, remarks: Sequence[str], seen: Sequence[Details]) -> list[str]:
     """The remarks, the noise, a table of the clips, what was left out, cues and marks."""
     noise = result.noise
-    told = [
-        *remarks,
-        f"{len(result.scene.frames)} frames, {result.rate:.0f} frames/s, {len(result.scene.tracks)} balls",
-        noise.text(),
-    ]
+    found, balls = len(result.scene.frames), counted(len(result.scene.tracks), "ball")
+    text = [*remarks, f"{balls} tracked over {counted(found, 'frame')}, at {result.rate:.0f} frames/s", noise.text()]
     each = ", ".join(f"{name} {1e3 * sd:.3f} mm" for name, sd in noise.balls.items())
     if each:
-        told.append(f"moving: {each}")
-    told.append(f"{result.places.text()}\n" if result.shots else "")
+        text.append(f"of each moving ball: {each}")
+    text.append(f"{result.places.text()}\n" if result.shots else "")
     cells = [TABLE_HEAD]
     for row in rows(result):
         cells.append((
-            str(row["clip"]), f"{row['time']:.2f}", row["struck"] or "unseen", " ".join(row["balls"]),
+            str(row["clip"]), f"{row['time']:.2f}", row["struck"] or "-", " ".join(row["balls"]),
             str(sum(row["samples"].values())), str(sum(row["lost"].values())), f"{row['speed']:.3f}",
             f"{1e3 * noise.sigma:.3f}" if math.isfinite(noise.sigma) else "-", "; ".join(row["remarks"]),
         ))  # fmt: skip
     if len(cells) > 1:
-        told.append(table(cells))
-    return [*told, *result.left_out, *detail_lines(seen)]
+        text.append(table(cells))
+    return [*text, *result.left_out, *detail_lines(seen)]
 
 
 def write_recording(path: Path, video: str, result: Tracked, footage: Footage, camera: Camera) -> None:

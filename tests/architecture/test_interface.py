@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import json
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -18,9 +20,10 @@ import models
 import planner
 import sysid
 import sysid.vision
+from models.messages import OptionError, option
 from models.sheet import Presented, Sheet
 from sysid.cli.demo import EXAMPLE_FOLDER
-from sysid.sources import in_python
+from sysid.foreign.columns import named
 from sysid.vision import write_camera
 from tests.architecture.source import ROOT
 from tests.footage.cameras import overhead
@@ -223,15 +226,25 @@ def test_an_import_says_what_it_assumes_and_asks_for_arguments(
         sysid.import_tracks(tmp_path / "a.csv", camera=tmp_path / "cam.toml", fps=60.0, unit="mm")
 
 
-def test_options_of_a_message_become_arguments() -> None:
-    says = (
-        "give --unit mm|cm, --x-along length|width, --y up or --turned, or --camera CAM.toml, "
-        "--columns t=NAME,ball=NAME; correct --table"
+def test_a_message_names_options_and_arguments() -> None:
+    parts = ("state it with ", option("x_along", "length", "width"), ", or ", named(t="NAME", ball="NAME"))
+    with pytest.raises(models.BadInput) as caught:
+        raise OptionError(*parts, "; correct ", option("table"))
+    assert str(caught.value) == ("state it with --x-along length|width, or --columns t=NAME,ball=NAME; correct --table")
+    assert isinstance(again := pickle.loads(pickle.dumps(caught.value)), OptionError), "from another process"
+    assert again.message.for_python() == (
+        'state it with x_along="length"|"width", or columns={"t": "NAME", "ball": "NAME"}; correct table'
     )
-    assert in_python(says) == (
-        'give unit="mm"|"cm", x_along="length"|"width", y="up" or turned=True, or camera="CAM.toml", '
-        'columns={"t": "NAME", "ball": "NAME"}; correct table'
-    )
+
+
+def test_tracking_asks_for_arguments(tmp_path: Path) -> None:
+    write_camera(tmp_path / "cam.toml", overhead(models.Table(3.569, 1.778), 0.0525, (64, 48), 3.0, 4.0))
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(models.BadInput, match="or give their frame rate with fps"):
+        sysid.track(tmp_path, tmp_path / "cam.toml")
+    with pytest.raises(models.BadInput, match="fps is -1: give the number of frames"):
+        sysid.track(tmp_path, tmp_path / "cam.toml", fps=-1)
 
 
 def test_data_frames_are_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:

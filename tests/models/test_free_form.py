@@ -9,12 +9,17 @@ import pytest
 from scipy.interpolate import BSpline
 
 from models import formula as kinds
-from models.free_form import ALONE, Axis, free_form, values_at
+from models.free_form import ALONE, Axis, FreeForm, free_form
 from models.model_file import full_model
-from models.shot import Ball, Shot, Table
+from models.shot import Array, Ball, Shot, Table
 from models.simulation.simulate import simulate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
+
+
+def values_at(form: FreeForm, one: Array) -> Array:
+    """A function of one variable, at its values (n,)."""
+    return form.axes[0].weights(one) @ np.array([getattr(form, key) for key in form.parameters()])
 
 
 def test_splines_are_those_of_scipy() -> None:

@@ -15,7 +15,7 @@ from models.analytic.pocket import JAW_RAILS, jaw_gaps, pockets_of
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import Model, effect_class, full_model
-from models.pocket_shape import CORNER_PARALLEL_RAD, INCH_M, MIDDLE_PARALLEL_RAD, PocketShape
+from models.pocket_shape import INCH_M, PocketShape
 from models.presets import TABLE_SETS, find_table, usual_mass
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
@@ -130,15 +130,6 @@ def test_a_ball_of_a_game_s_size_weighs_what_that_game_s_ball_does() -> None:
         mass, game = usual_mass(known.ball.diameter)
         assert mass == pytest.approx(known.ball.mass) and game == name.split()[0]
     assert usual_mass(0.048)[0] == pytest.approx(0.1406 * (0.048 / 0.0525) ** 3)
-
-
-def test_facings_close_towards_the_throat() -> None:
-    for name in POOLS:
-        shapes = TABLE_SETS[name].table.shapes
-        assert 0.09 < shapes.corner.throat(CORNER_PARALLEL_RAD) < shapes.corner.mouth - 0.005
-        assert 0.12 < shapes.middle.throat(MIDDLE_PARALLEL_RAD) < shapes.middle.mouth
-    snooker = TABLE_SETS["snooker"].table.shapes
-    assert snooker.corner.throat(CORNER_PARALLEL_RAD) == snooker.corner.mouth
 
 
 @pytest.mark.parametrize("name", POCKETED)

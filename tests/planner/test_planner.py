@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 import planner.evaluation.play
-from models.analytic import cueing
+from models.analytic.cloth import rolling_velocity, slip
 from models.effects.cue.squirt import Squirt
 from models.model_file import full_model
 from models.shot import Array, Table
@@ -140,11 +140,26 @@ def test_strings_of_the_paper() -> None:
 
 
 def test_ball_speed_over_cue_speed() -> None:
-    launcher, q = LauncherModel(), strokes(50, 2)
-    assert launcher.gain(np.zeros((1, 4)), BALL)[0] == pytest.approx(1.366 * math.cos(math.radians(6.5)), abs=2e-4)
-    axis = (R + launcher.cue.tip_radius) / R
-    told = [cueing.ball_speed(1.0, *(axis * row[[SIDE, HEIGHT]]), BALL, launcher.cue) for row in q]
-    assert launcher.gain(q, BALL) == pytest.approx(np.array(told) * math.cos(launcher.elevation))
+    """Published ratios, in the direction of the cue, for contacts to the side, above and below."""
+    for offset, ratio in ((0.0, 1.366), (0.303, 1.157), (0.331, 1.125)):
+        q = offset * R * np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, -1.0]])
+        assert LauncherModel().gain(q, BALL) == pytest.approx(ratio * math.cos(math.radians(6.5)), abs=2e-3)
+
+
+def test_two_fifths_of_the_radius_above_the_centre_give_natural_roll() -> None:
+    velocity, spin = launch(np.array([[1.3, 0.7, 0.0, 0.4 * R]]), 0.0, BALL)
+    assert slip(velocity[0], spin[0], R) == pytest.approx([0, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize(("a", "angle"), [(0.1, 0.65), (0.2, 1.31), (0.304, 1.98), (0.331, 2.16), (0.5, 3.26)])
+def test_swerve_is_the_published_one(a: float, angle: float) -> None:
+    """The angle between aim and final roll at an elevation of 6.5 degrees, to the struck side.
+
+    Here the offset is that of the spin over the horizontal speed, which is 0.6 % below the speed along the cue.
+    """
+    velocity, spin = launch(np.array([[1.0, 0.3, a * R, 0.0]]), math.radians(6.5), BALL)
+    rolling = rolling_velocity(velocity[0], spin[0], R)
+    assert math.degrees(0.3 - math.atan2(rolling[1], rolling[0])) == pytest.approx(angle, rel=0.01)
 
 
 @settings(max_examples=60, deadline=None)

@@ -260,7 +260,7 @@ def test_a_scene_from_a_photo(photo: Path) -> None:
     assert scene.goal == Goal("white", "red 2", (1, 1), rest_for="red", avoid=("yellow",))
     assert (scene.table, scene.ball.diameter) == (SMALL, 0.0525)
     assert scene.ball.mass == pytest.approx(0.1406)
-    assert not [line for line in found.notes if "not made out" in line]
+    assert not [line for line in found.notes if "not recognised" in line]
     at = dict(zip(scene.names, scene.position, strict=True))
     truth = dict(zip(("white", "red 2", "red", "yellow"), PLACES, strict=True))  # reds from left to right
     assert max(np.hypot(*(at[name] - xy)) for name, xy in truth.items()) < 5e-4
@@ -285,7 +285,7 @@ def test_balls_in_a_pack_are_told_if_not_made_out(photo: Path, tmp_path: Path) -
     look = Look(colours=dict.fromkeys(names[1:], (0.72, 0.05, 0.07)))
     cv2.imwrite(str(tmp_path / "pack.png"), filmed(packed[None], names, look)[0])
     found = balls_in_picture(tmp_path / "pack.png", photo / "cam.toml")
-    (line,) = (line for line in found.notes if "not made out" in line)
+    (line,) = (line for line in found.notes if "not recognised" in line)
     assert (missing := 8 - len(found.names)) > 0
     assert f"of {'a ball' if missing == 1 else f'{missing} balls'} at 0.2" in line
 

@@ -20,7 +20,7 @@ from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import read_camera, write_camera
 from tests.fuzz.verbs import SEEDS
 
-DOUBT = "edges 40 mm farther in do not fit the table's aspect"
+DOUBT = "edges 40 mm farther in do not fit the table's proportions"
 TOLD = f"cam.toml: the camera is not to be trusted: {DOUBT}"
 REMEDY = "continue with --accept-camera"
 SEEN = ("--camera", "cam.toml", "--palette", "palette.toml")
@@ -50,11 +50,11 @@ def test_files_of_earlier_versions_tell_it_in_their_source(place: Path) -> None:
     Path("old.toml").write_text(
         text.replace('source = ""', 'source = "4 cushion lines, from a.mp4; not to be trusted"')
     )
-    assert read_camera("old.toml").doubts == ("its file says so, and not why",)
+    assert read_camera("old.toml").doubts == ("its file does not say why",)
     Path("bare.toml").write_text("trusted = false\n" + text)
     assert not read_camera("bare.toml").trusted
     Path("both.toml").write_text('trusted = true\ndoubts = ["a"]\n' + text)
-    with pytest.raises(BadInput, match="take one of the two out"):
+    with pytest.raises(BadInput, match="remove one of the two"):
         read_camera("both.toml")
 
 

@@ -17,7 +17,7 @@ from models.errors import BadInput
 from models.shot import Table
 from robot.cli.verbs import main
 from robot.cueing.repeated import Repeated, mean_scatter, rows, spread_strings, summarised, text
-from robot.device.settings import Settings
+from robot.device.settings import Settings, SpeedTable
 from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure
 
 OURS = Settings()
@@ -123,7 +123,7 @@ def test_strings_keep_to_calibration_and_limits() -> None:
     slower = replace(OURS, limits=replace(OURS.limits, cue_speed=(0.5, 2.2)))
     held = [slower.check_speed(n) for n in spread_strings(slower)]
     assert len(held) == 9 and min(held) > 0.5 and max(held) < 2.2
-    assert spread_strings(OURS.with_table((50, 100), (1.9, 1.0), ""))[0] > 50
+    assert spread_strings(replace(OURS, calibration=SpeedTable((50, 100), (1.9, 1.0))))[0] > 50
 
 
 @pytest.mark.parametrize(

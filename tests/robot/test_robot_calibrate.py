@@ -18,7 +18,6 @@ from robot.cli.verbs import main
 from robot.device.calibrate import (
     CALIBRATION_STRINGS,
     StringSpeed,
-    calibration_from,
     measure_strings,
     rows,
     speed_table,
@@ -122,15 +121,15 @@ def test_one_stroke_has_no_scatter_to_tell() -> None:
 
 def test_strokes_make_a_table() -> None:
     shots = [done("100p", 1.5), done("001p", 2.6), done("100p", 1.6), done("200p", 0.31)]
-    table = calibration_from(shots, "four strokes")
-    assert (table.strings, table.source) == ((1, 100, 200), "four strokes")
+    table = speed_table(summarise(shots))
+    assert (table.strings, table.source) == ((1, 100, 200), "4 strokes at 3 strings, measured by the launcher")
     assert table.speeds == pytest.approx((2.6, 1.55, 0.31))
 
 
 @pytest.mark.parametrize("speed", [math.nan, 0.0, -1.0, math.inf])
 def test_a_stroke_without_a_speed_is_no_calibration(speed: float) -> None:
     with pytest.raises(BadInput, match=r"stroke 7 \(100p\)"):
-        calibration_from([done("001p", 2.6), done("100p", speed, 7)])
+        summarise([done("001p", 2.6), done("100p", speed, 7)])
 
 
 def test_speeds_that_do_not_fall_are_refused_and_nothing_is_written(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from robot.emulator import firmware as fw
 
 def test_settings_come_back_as_they_went(tmp_path: Path) -> None:
     path = tmp_path / "launcher.toml"
-    ours = Settings().with_table([1, 90, 200], [2.6, 1.7, 0.33], "60 strokes")
+    ours = Settings(calibration=SpeedTable((1, 90, 200), (2.6, 1.7, 0.33), "60 strokes"))
     ours = replace(ours, port=replace(ours.port, baud=9600))
     write_settings(ours, path)
     assert read_settings(path) == ours
@@ -98,7 +98,7 @@ def test_strings_that_are_none(string: str | int) -> None:
 
 
 def test_speeds_outside_the_calibration_are_refused() -> None:
-    ours = Settings().with_table([20, 180], [2.4, 0.5], "")
+    ours = Settings(calibration=SpeedTable((20, 180), (2.4, 0.5)))
     with pytest.raises(BadInput, match="020p to 180p"):
         ours.check_speed(10)
     with pytest.raises(BadInput, match=r"calibrated are 0\.5 to 2\.4"):

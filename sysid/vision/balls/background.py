@@ -104,8 +104,8 @@ class Background:
 def lit_alike(ratio: NDArray[np.floating], grey: NDArray[np.floating]) -> Array:
     """Brightness of a light (..., 3) from that of each channel (..., 3), which show a colour (3,) [grey levels].
 
-    A channel in which the cloth is dark hardly tells the light, and none at all in which it is 0: light then changes
-    there as in the others. The weighted mean of both, as each is known.
+    A channel in which the cloth is dark hardly determines the light, and one in which it is 0 not at all: there it is
+    taken to change as in the others. The weighted mean of both, by their precision.
     """
     known = (np.maximum(grey, 0.0) / GREY_ERROR) ** 2 + 1e-9
     mean = (ratio * known).sum(axis=-1, keepdims=True) / known.sum()

@@ -7,9 +7,9 @@ squares over the three colours, with p + a = 1 as a prior. A ball of several col
 table, then to its cover by the colours that it shows just within its rim. A ball that moves by m during the exposure
 covers (1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a blurred rim, so that cover
 stays linear in time where brightness is. A ball brighter by a gain g than the picture can show covers g times as much,
-at most all: its sweep is as clear as a ball at rest. Light from aside makes one side of a ball brighter, as if more of
-it were covered there: cover in the disc rises linearly across it, by as much as fits best. A white ball that is clipped
-shows no such shading.
+at most all: its sweep is as clear as a ball at rest. Light from the side makes one half of a ball brighter, as if more
+of it were covered there: cover in the disc rises linearly across it, by as much as fits best. A white ball that is
+clipped shows no such shading.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SAME_PLACE_PX = 0.3  # until it stays there
 RESIDUAL_LIMIT = 0.6  # of cover, from which on a pixel shows something else: the cue, a hand, a mark
 MIN_RESIDUAL = 0.02
 HEIGHT_SD = 0.1  # of the cover of a ball that is wholly seen
-SHADING_SD = 0.3  # of how much it rises from the middle of a disc to its rim, along an axis, by light from aside;
+SHADING_SD = 0.3  # of how much it rises from the middle of a disc to its rim, along an axis, by light from the side;
 UNSHADED_SD = 1e-6  # of a ball that is clipped
 CORRELATED_PX = 12.0  # pixels of a compressed picture whose errors are common
 SIZE_SD_FRACTION = 0.03  # of the radius, standard deviation

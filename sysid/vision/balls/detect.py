@@ -96,7 +96,7 @@ class Detector:
         return found
 
     def named(self, picture: Picture, found: Sequence[Detection]) -> list[Detection]:
-        """Detections under the names of their balls, as a single picture tells them; those of no ball left out."""
+        """Detections under the names of their balls, as inferred from a single picture; those of no ball left out."""
         if self.palette is None:
             return list(found)
         view = self.background.view(picture)

@@ -32,13 +32,13 @@ MAX_RESIDUAL = {"new": 0.3, "small": 0.2, "known": 0.4, "swept": 0.4}  # of cove
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
-MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted anew with the one that its first fit tells
-MAX_REFITS = 3  # of a disc, each with the motion that the fit before tells
+MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted again with the motion of its first fit
+MAX_REFITS = 3  # of a disc, each with the motion of the fit before
 GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
 RANKING_STEPS = 8  # of least squares, after which it is seen which of several fits is best,
 RANKING_MARGIN = 0.1  # and which have a misfit so far beyond the least that they will not become rivals
 EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
-MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be told
+MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be estimated
 MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
 MIN_SHUTTER_FITS = 4  # from which it is known
 MIN_EVEN_FITS = 16  # of white balls, fewer than those of them overexposed, that show that none is
@@ -63,7 +63,7 @@ class Expected:
 
 @dataclass
 class Shutter:
-    """How long the shutter is open, and how overexposed white balls are, told from the sweep of moving balls."""
+    """How long the shutter is open, and how overexposed white balls are, estimated from the sweep of moving balls."""
 
     given: float | None = None  # fraction of the time between frames
     fractions: list[float] = field(default_factory=list)  # of fits of moving balls
@@ -232,8 +232,8 @@ def known_disc(
 
 
 def tell(shutter: Shutter, fit: DiscFit, expected: Expected, colour: Array | None) -> None:
-    """What a fit tells of the shutter, if anything."""
-    # A ball that has just been struck or has struck another did not move evenly: it tells nothing of the exposure.
+    """Add to the shutter what a fit shows of it, if anything."""
+    # A ball that has just been struck or has struck another did not move evenly: it does not show the exposure.
     moved = math.hypot(*(fit.xy - (expected.xy - expected.step)))
     even = math.hypot(*(fit.xy - expected.xy)) < MAX_UNEVENNESS * moved
     if even and moved > MIN_SWEEP_RADII * fit.radius and len(shutter.tried(colour)) > 1:
@@ -275,7 +275,7 @@ def _ranked(
 def _swept_disc(
     view: View, colour: Array | None, at: Array, step: Array, radius: float, part: float, gain: float
 ) -> DiscFit | None:
-    """The fit at a pixel (2,) of a ball that moves by a part of its step, which is told better by the fit itself."""
+    """The fit at a pixel (2,) of a ball that moves by a part of its step, which the fit itself improves."""
     last, fit = at - step, fit_disc(view, colour, at, radius, part * step, gain)
     for _ in range(MAX_REFITS):
         if fit is None:

@@ -24,10 +24,10 @@ MIN_PATTERNED = 0.2  # of the faces seen, that make a set of patterned balls
 
 def face(background: Background, view: View, xy: Array, radius: float) -> Array:
     """Colours (n, 3) of a ball's face at a pixel (2,) in white light: red, green, blue, 0 to 1."""
-    reach = FACE_RADII * radius
-    window, _, corner = view.window(xy, reach)
+    face_radius = FACE_RADII * radius
+    window, _, corner = view.window(xy, face_radius)
     y, x = np.mgrid[: window.shape[0], : window.shape[1]]
-    inside = np.hypot(x + corner[0] - xy[0], y + corner[1] - xy[1]) < reach
+    inside = np.hypot(x + corner[0] - xy[0], y + corner[1] - xy[1]) < face_radius
     return np.asarray((window[inside] / (255 * background.light_at(view, xy)))[:, ::-1], float)
 
 

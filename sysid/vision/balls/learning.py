@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.errors import BadInput
+from models.messages import counted
 from sysid.vision.balls.background import Background, View, learn_background
 from sysid.vision.balls.cover import CLIPPED_GREY, DiscFit
 from sysid.vision.balls.detect import Detector, outline_colour
@@ -73,7 +74,7 @@ def learn_detector(
     if footage.size != camera.size:
         sizes = "{} x {} pixels, the camera's file {} x {}".format(*footage.size, *camera.size)
         raise BadInput(f"footage: has {sizes}; calibrate with pictures of this size")
-    progress("learning what the empty table looks like")
+    progress("estimating the background")
     pictures = [frame.picture for frame in footage.sample(LEARNING_FRAMES)]
     try:
         camera, moved = standing(camera, pictures)
@@ -81,12 +82,12 @@ def learn_detector(
         raise BadInput(f"{footage.name}: {error}") from None
     geometry = view_geometry(camera)
     if geometry.bed.sum() < 1000:
-        raise BadInput("camera: no table is in its pictures; calibrate it anew")
+        raise BadInput("camera: its pictures do not show the table; calibrate it again")
     size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
     optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
 
     background, resting = learn_background(geometry, pictures, lambda view: resting_balls(view, optics, palette))
-    progress("learning what the balls look like")
+    progress("estimating the colours of the balls")
     views = [background.view(picture) for picture in pictures]
     found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
     small = geometry.radius(np.array(camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
@@ -124,7 +125,7 @@ def learn_detector(
             better = same and steadier(unsteadiness(by_discs, pictures), unsteady, more=seen > held)
         if by_discs.ball_colours and (rough or better):
             detector, counts = by_discs, disc_counts
-    notes = [f"{name}: in {n} of {len(views)} frames" for name, n in counts]
+    notes = [f"{name}: seen in {n} of {len(views)} sampled frames" for name, n in counts]
     notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
     notes += _warnings(detector, [fit for _, fit in found], resting, lights)
     return replace(detector, notes=(*moved, *notes))
@@ -144,7 +145,7 @@ def _patterned_detector(
         held = [len(outlines.find(picture)) for picture in pictures]
         if sum(held) >= max(MIN_HELD_FRACTION * sum(seen), OPTICS_OUTLINES):
             chosen, seen = outlines, held
-    return chosen, [f"{np.median(seen):.0f} balls of any face in a frame"]
+    return chosen, [f"balls per frame: {np.median(seen):.0f} (median), named by their faces"]
 
 
 def _rough(optics: Optics, noise: float) -> bool:
@@ -225,31 +226,31 @@ def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lig
     """Warnings for the user."""
     optics, notes = detector.optics, []
     if not found or not (detector.ball_colours or detector.palette):
-        notes.append("no ball was found: is this the camera of this footage, and are these its balls?")
+        notes.append("no ball was found: check that the camera file and the palette belong to this footage")
         return notes
     radius = float(np.median([fit.radius for fit in found]))
     if abs(optics.size) > SIZE_WARNING_FRACTION * radius:
         percent = 100 * optics.size / radius
         notes.append(f"outlines are {percent:+.0f} % off the expected radius: check ball diameter and camera file")
     if radius < SMALL_RADIUS_PX:
-        notes.append(f"balls are only {radius:.1f} pixels in radius, so their centres are poor: film at more pixels")
+        notes.append(f"balls have a radius of {radius:.1f} pixels only: for accurate centres film at more pixels")
     noise = max(detector.noise, INITIAL_EDGE_NOISE[0])
     if optics.blur[1] > SOFT_EDGE_RATIO * optics.blur[0] or max(optics.edge_noise) > SOFT_EDGE_RATIO * noise:
         notes.append(
-            "edges are rougher than the noise, as compression makes them: true errors may be twice the estimated"
+            "edges are rougher than noise makes them, as after compression: errors may be twice those estimated"
         )
     if detector.rough:
-        notes.append("balls are measured by what they cover, and their marks are not followed")
+        notes.append("balls are located by the area that they cover; marks on them are not tracked")
     if resting:
         notes.append(
-            f"{resting} ball{'s' * (resting > 1)} at rest most of the time: the cloth below is taken from around it"
+            f"{counted(resting, 'ball')} at rest most of the time: the cloth beneath is interpolated from around"
         )
     if np.ptp(lights) > FLICKER_FRACTION:
-        notes.append(f"the light changes by {100 * np.ptp(lights):.0f} % between frames: allowed for")
+        notes.append(f"the brightness varies by {100 * np.ptp(lights):.0f} % between frames: corrected for")
     poor = [fit.sd for fit in found if fit.sd > POOR_CENTRE_SD_PX]
     if len(poor) > 0.05 * len(found):
         notes.append(
-            f"of {len(poor)} of {len(found)} outlines the centre is only known to {np.median(poor):.2f} pixels"
+            f"the centres of {len(poor)} of {len(found)} outlines are uncertain by {np.median(poor):.2f} pixels"
         )
     return notes
 

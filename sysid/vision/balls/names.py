@@ -3,8 +3,10 @@
 In: colours measured in one footage, the colour of its cloth, and a palette. Out: `Naming`. What a ball looks like is
 measured; the nominal colours of the palette only name it. Balls are named all at once, together with what they share:
 the colour and brightness of the light, how much of the cloth's colour falls on them, and the set that they are of.
-Balls of pool are white in part. How white the side is that a ball turns to the camera follows from its geometry, two
-white caps about opposite poles, over all the ways that it may lie.
+Lights are compared by the density of the same picture: marks, gloss and shading vary the reflectance that a face shows,
+which a brighter light spreads over more of the picture. Balls of pool are white in part. How white the side is that a
+ball turns to the camera follows from its geometry, two white caps about opposite poles, over all the ways that it may
+lie.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ FACE_RADII = 0.92  # of a disc that shows the face, clear of the rim
 PLACE_COST_LIMIT = 9.0  # of one place on a face, that may show a number, a dot or a highlight, and of its white share
 FACE_PLACES = 4.0  # independent ones on a face, whose light differs
 WHITE_SHARE_SD = 0.07  # of the part of a view that is white, by highlights, numbers and blur
-FACE_VIEWS = 4  # of a ball as it rolls, from which on more tell nothing new
+FACE_VIEWS = 4  # of a ball as it rolls, beyond which more add no information
 COLOUR_LEVELS = 16  # of the roots of colours, in which places of a face are counted
 
 
@@ -57,7 +59,7 @@ class Naming:
             for name, other, odds in zip(self.names, self.others, self.odds, strict=True)
             if name is not None and other is not None and odds < SURE
         ]
-        return (*unsure, *(f"a ball of colour {one} has no name in the palette" for one in self.found))
+        return (*unsure, *(f"the palette has no name for a ball of colour {one}" for one in self.found))
 
 
 Costs = Callable[[Palette, Array, Array], Array]  # of every name (m, n) of a palette, in a light (3,) and veil (3,)
@@ -68,7 +70,7 @@ def name_colours(colours: Array, palette: Palette, cloth: Array | None = None) -
     colours = np.asarray(colours, float).reshape(-1, 3)
 
     def costs(palette: Palette, light: Array, veil: Array) -> Array:
-        off = _squared(colours[:, None], palette.colours, light, veil)
+        off = _squared(colours[:, None], palette.colours, light, veil) - 2 * math.log(_density(light))
         return np.asarray(np.minimum(off, UNNAMED_COST))
 
     return _named(colours, palette, cloth, costs)
@@ -116,6 +118,15 @@ def _squared(colours: Array, nominal: Array, light: Array, veil: Array) -> Array
     return np.asarray((colour_distance(seen + STRAY_LIGHT, nominal + STRAY_LIGHT) / COLOUR_SPREAD) ** 2)
 
 
+def _density(light: Array) -> float:
+    """Density of a picture's root of a colour over that of the root of the reflectance behind it, in a light (3,).
+
+    In each channel the one is sqrt(light) times the other. Without this factor a dark ball in a bright light, in which
+    all differences of reflectance are small, would explain any marks and shading best.
+    """
+    return float(np.prod(light) ** -0.5)
+
+
 def _counted(view: Array) -> tuple[Array, Array]:
     """Different colours (k, 3) of a view (n, 3), and the share of each (k,)."""
     level = np.rint(COLOUR_LEVELS * np.sqrt(np.clip(view, 0, None))).astype(int)
@@ -130,10 +141,10 @@ def _face_costs(views: Sequence[tuple[Array, Array]], palette: Palette, light: A
     Colours are off alike all over a face, so that few of its places count; how much of it is white is known better.
     """
     whitest = palette.colours[palette.colours.min(axis=1).argmax()]
-    cost, spare = np.zeros(len(palette.names)), math.exp(-PLACE_COST_LIMIT / 2)
+    cost, spare, density = np.zeros(len(palette.names)), math.exp(-PLACE_COST_LIMIT / 2), _density(light)
     for colours, share in views:
-        own = np.exp(-_squared(colours[:, None], palette.colours, light, veil) / 2)  # (k, n)
-        white = np.exp(-_squared(colours, whitest, light, veil) / 2)
+        own = density * np.exp(-_squared(colours[:, None], palette.colours, light, veil) / 2)  # (k, n)
+        white = density * np.exp(-_squared(colours, whitest, light, veil) / 2)
         for n, of in enumerate(palette.white or (0.0,) * len(palette.names)):
             part, likely = white_shares(of)
             shown = (1 - part) * own[:, n, None] + part * white[:, None] + spare  # (k, parts)

@@ -116,7 +116,7 @@ class PaletteFile:
         if not all(names) or not names:
             raise BadInput("names no ball, or one by blanks: write [[ball]] name, rgb for each ball")
         if twice := [name for name, count in Counter(names).items() if count > 1]:
-            raise BadInput(f"{shown(twice[0])} is there twice: give its count instead")
+            raise BadInput(f"{shown(twice[0])} is listed twice: give its count instead")
         if problem := excess(sum(ball.count for ball in self.ball), MAX_BALLS, "balls", "name those on the table"):
             raise BadInput(problem)
 

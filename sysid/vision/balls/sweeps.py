@@ -39,12 +39,12 @@ class Strip(NamedTuple):
 
 
 def strips(
-    view: View, colour: Array | None, origin: Array, radius: float, reach: float, taken: Sequence[DiscFit]
+    view: View, colour: Array | None, origin: Array, radius: float, search_radius: float, taken: Sequence[DiscFit]
 ) -> list[Strip]:  # fmt: skip
-    """Strips of a colour (3,) from a pixel (2,) on, within `reach` [pixels] of it, the clearest first."""
-    shown, corner = _shown(view, colour, origin, reach + 2 * radius, radius, taken)
+    """Strips of a colour (3,) from a pixel (2,) on, within `search_radius` [pixels] of it, the clearest first."""
+    shown, corner = _shown(view, colour, origin, search_radius + 2 * radius, radius, taken)
     angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
-    along = np.arange(1, math.ceil(STEPS_PER_RADIUS * reach / radius) + 1) * radius / STEPS_PER_RADIUS
+    along = np.arange(1, math.ceil(STEPS_PER_RADIUS * search_radius / radius) + 1) * radius / STEPS_PER_RADIUS
     score = _on(shown, origin - corner, angles, along, radius, ACROSS_RADII).min(axis=0)
     score -= _on(shown, origin - corner, angles, along, radius, BESIDE_RADII).max(axis=0)
     usual = float(np.median(score))  # most rays show the table
@@ -66,10 +66,10 @@ def strips(
 
 
 def _shown(
-    view: View, colour: Array | None, origin: Array, reach: float, radius: float, taken: Sequence[DiscFit]
+    view: View, colour: Array | None, origin: Array, search_radius: float, radius: float, taken: Sequence[DiscFit]
 ) -> tuple[Image, Array]:  # fmt: skip
     """Cover by a ball around a pixel (2,), and the first pixel of it (2,); none where other balls are known."""
-    window, table, corner = view.window(origin, reach)
+    window, table, corner = view.window(origin, search_radius)
     x0, y0 = (int(v) for v in corner)
     on_table = view.geometry.ball_region[y0 : y0 + window.shape[0], x0 : x0 + window.shape[1]]
     shown = np.where(on_table, covered(window, table, colour), np.float32(0.0))
@@ -82,8 +82,8 @@ def _shown(
 def _on(shown: Image, origin: Array, angles: Array, along: Array, radius: float, across: Sequence[float]) -> Image:
     """What is shown at places (k, angles, along) beside rays from a pixel (2,)."""
     c, s = np.cos(angles)[None, :, None], np.sin(angles)[None, :, None]
-    aside = radius * np.array(across)[:, None, None]
-    x, y = origin[0] + along * c - aside * s, origin[1] + along * s + aside * c
+    lateral = radius * np.array(across)[:, None, None]
+    x, y = origin[0] + along * c - lateral * s, origin[1] + along * s + lateral * c
     shape = x.shape
     columns, rows = (np.asarray(v, np.float32).reshape(-1, shape[2]) for v in (x, y))
     seen = cv2.remap(shown, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0.0)

@@ -92,7 +92,7 @@ def lens_of(
         progress(f"{board.name}: {len(views)} views in {count} pictures")
     if not views:
         raise BadInput(
-            f"no {board.name} in {len(greys)} pictures; count its {board.counted}, and film all of it, sharp"
+            f"no {board.name} in {len(greys)} pictures; count its {board.counted}, and film the whole board in focus"
         )
     size = (greys[0].shape[1], greys[0].shape[0])
     focal = max(size) / 2 / np.tan(np.radians(INITIAL_FOV_DEG) / 2)
@@ -104,7 +104,7 @@ def lens_of(
     )
     focal_sd = float(np.max(np.ravel(sds)[:2]) / matrix[0, 0])  # with a fixed aspect only the second is filled in
     if rms > MAX_CORNER_RMS_PX:
-        raise BadInput(f"the {board.name}'s corners miss by {rms:.1f} pixels: a flat, sharp board is needed")
+        raise BadInput(f"the {board.name}'s corners miss by {rms:.1f} pixels: film a flat board, in focus")
     fov = 2 * np.degrees(np.arctan(max(size) / 2 / matrix[0, 0]))
     if not 0 < focal_sd < MAX_FOCAL_SD or not 5 < fov < 150:  # undetermined by views from straight above
         seen = f"{len(views)} views" if len(views) > 1 else "one view"

@@ -5,8 +5,8 @@ uncertainty. A view from straight above does not determine the focal length: fro
 length, a plane looks the same. Tracks need the plane of the balls' centres, 2/5 of a radius below that of the noses, so
 little depends on it; how little is computed. A tilted view determines the focal length by the aspect of the table, as
 well as its length and width are known; it is accepted only if its standard deviation, including that of the table, is
-small. Otherwise it is the likeliest in view of all that is seen (noses.py), which the outlines of balls away from the
-middle tell (ball_outlines.py); without such balls it is about that of a usual lens.
+small. Otherwise it is the most likely one given all that is seen (noses.py): outlines of balls away from the middle
+determine it (ball_outlines.py); without such balls it is about that of a usual lens.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ from sysid.vision.camera.table_edges import Edge
 from sysid.vision.camera.trust import (
     FOCAL_ERROR,
     TABLE_SIZE_REMEDY,
-    aside_notes,
     assumed_focal_doubts,
     corner_doubts,
     doubts,
+    oblique_notes,
     outline_doubts,
     parallax,
     tilt,
@@ -163,11 +163,11 @@ def calibrate(
         alone = _unaided(picture, table, diameter, hints, stills, source, progress)
         if alone is not None:
             return alone
-    progress("looking for the table")
+    progress("finding the table")
     held = np.asarray(hints.corners, float) if hints.hold and hints.corners is not None else np.zeros((0, 2))
     scene = _Scene(light, stills, markers, view, view is None and hints.corners is not None, held)
     first = _first(scene, start, hints)
-    progress("looking for the noses")
+    progress("finding the noses of the cushions")
     first, seen, reading = _read(scene, first, unknown, float(start.matrix[0, 0]))
     if reading is None:
         first = _from_corners(start, hints) if scene.by_hand else first
@@ -179,7 +179,7 @@ def calibrate(
     lines, focal_sd = with_lens(points.lines, float(reading.camera.matrix[0, 0]), unknown, points.sure)
     lines = lines if scene.near else weighed(lines, points.ends, points.shifts)
     if not (lines.camera.matrix[0, 0] > MIN_FOCAL_PX and lines.camera.translation[2] > 0):
-        raise BadInput("no camera over a table sees it so: check --length and --width, or give --corners")
+        raise BadInput("no camera sees such a table like this: check --length and --width, or give --corners")
     by_sides = bool(np.isfinite(focal_sd))
     found = by_sides or reading.focal_sd < MAX_FITTED_FOCAL_SD
     focal_sd = focal_sd if by_sides or not found else reading.focal_sd
@@ -199,7 +199,7 @@ def calibrate(
         dataclasses.replace(lines.camera, residual_m=lines.rms, source=text, doubts=tuple(warnings)), lines,
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
         uncertainty(lines), shifts, apart_sd,
-        (*notes, *said, *evidence(lines.camera, seen, reading), *aside_notes(lines.camera)),
+        (*notes, *said, *evidence(lines.camera, seen, reading), *oblique_notes(lines.camera)),
         seen.diamonds, seen.balls, reading.diamond_margin, markers,
     )  # fmt: skip
 
@@ -241,8 +241,8 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
     region = table_lines.cloth(picture)
     sides = table_lines.sides(region)
     if len(sides) < len(hints.sees) and (cut := table_lines.cut_off(region)):
-        text = f"the cloth goes on beyond the {' and the '.join(cut)} of the picture: film all of it and some wood"
-        raise BadInput(f"{text}, or give --corners, or where only three sides are in view --sees")
+        text = f"the cloth extends beyond the {' and the '.join(cut)} of the picture: film all of it with its frame"
+        raise BadInput(f"{text}, or give --corners, or --sees if only three sides are in view")
     first = first_view(start, sides, hints.sees, unknown, False)
     if table_lines.RIM_LOST_PX * float(first.camera.eye[2]) / first.camera.matrix[0, 0] > CLOTH_END_SEARCH_M:
         first = first_view(start, table_lines.at_edges(sides, picture), hints.sees, unknown, False)
@@ -252,7 +252,7 @@ def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
 def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
     """A camera from the corners given alone."""
     sides = sides_of(np.asarray(hints.corners, float), len(hints.sees))
-    free = hints.unknown[-1:] if hints.hold else hints.unknown[:1]  # four corners that hold tell the focal length
+    free = hints.unknown[-1:] if hints.hold else hints.unknown[:1]  # four corners that hold determine the focal length
     return first_view(start, sides, hints.sees, free, True)
 
 
@@ -271,10 +271,10 @@ def _side_left_out(
     """What is to be said of a side at which no nose was found, and what it makes doubtful."""
     fitted = {*lines.rails.tolist()}
     unseen = [rail for rail in dict.fromkeys(first.rails.tolist()) if rail not in reading.noses.keys() & fitted]
-    what = "markers there stand" if scene.view else "end of the cloth stands"
-    notes = [f"no nose is seen at {RAIL_NAMES[rail]}: the {what} in for it" for rail in unseen if rail in fitted]
+    what = "markers there are" if scene.view else "end of the cloth is"
+    notes = [f"no nose is seen at {RAIL_NAMES[rail]}: the {what} used instead" for rail in unseen if rail in fitted]
     notes += [
-        f"no edge at {RAIL_NAMES[rail]} goes with the others: that side is left out"
+        f"no edge at {RAIL_NAMES[rail]} agrees with the others: that side is left out"
         for rail in unseen if rail not in fitted
     ]  # fmt: skip
     dark = [rail for rail in unseen if cloth_ends(scene.light, lines.camera, rail, reading.cushion_width)]
@@ -324,7 +324,7 @@ def _read(
                 first, seen, reading, other = other_first, other_seen, other, reading
             reading = with_rival(reading, other)
     if reading is None and not (near or scene.by_hand):
-        raise BadInput("the cushions' noses do not show against the bed; give --corners, or light the table evenly")
+        raise BadInput("the noses cannot be distinguished from the bed; give --corners, or light the table evenly")
     return first, seen, reading
 
 
@@ -345,14 +345,14 @@ def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
         low, high = margin - table_edges.INWARD_SEARCH_M, margin + table_edges.OUTWARD_SEARCH_M
     edges: dict[int, list[Edge]] = {}
     for rail in dict.fromkeys(first.rails.tolist()):
-        farthest = table_edges.reach(first.camera, rail, low, margin, high)
+        farthest = table_edges.visible_extent(first.camera, rail, low, margin, high)
         strip = table_edges.strip(scene.light, first.camera, rail, low, farthest)
         edges[rail] = table_edges.edges(strip) if strip is not None else []
     # Cards lie over diamonds, and their cells look like some.
     diamonds = NO_DIAMONDS if scene.near else find_diamonds(scene.light, first.camera, margin)
     try:
         balls = find_balls([np.rint(scene.light).astype(np.uint8), *scene.stills], first.camera)
-    except BadInput:  # the corners are known, and there is no telling what is cloth
+    except BadInput:  # the corners are known, but the cloth cannot be identified
         balls = NO_BALLS
     seen = what_is_seen(first.camera, edges, margin, diamonds, balls, scene.agreeing, search)
     return dataclasses.replace(seen, corners=scene.held)
@@ -364,7 +364,7 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
     inward = outline - float(np.mean([e.offset for e in reading.noses.values()]))
     if inward >= CLOTH_EDGE_M:
         width = reading.cushion_width if len(seen.cloth_rails) else inward
-        return f"bed/cushion; the cloth goes on {1e3 * width:.0f} mm behind it", []
+        return f"between bed and cushion; the cloth extends {1e3 * width:.0f} mm behind it", []
     farther = [
         [outline - e.offset for e in edges if e.offset < outline - CLOTH_EDGE_M] for edges in seen.edges.values()
     ]
@@ -373,22 +373,22 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
     inner = max(alike, key=len, default=[])
     if len(inner) < 3:
         return ONLY_EDGE, []
-    text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's aspect"
+    text = f"edges {1e3 * float(np.mean(inner)):.0f} mm farther in do not fit the table's proportions"
     return "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
 
 
 def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str) -> Calibration:
-    """The result where no noses are found: never to be trusted, as nothing says how good corners or markers are."""
+    """The result where no noses are found: never to be trusted, as nothing shows how good corners or markers are."""
     what = "4 corners by hand" if scene.by_hand else f"{len(scene.agreeing)} markers"
     camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"{what}, from {source}")
     pixel = 1e3 * camera.eye[2] / camera.matrix[0, 0]
-    doubt = f"no edges beside the {'corners' if scene.by_hand else 'markers'} go together: places are only as good as"
-    doubt += " those are" + f", a pixel being {pixel:.1f} mm" * scene.by_hand + "; light the table so that noses show"
+    doubt = f"no edges confirm the {'corners' if scene.by_hand else 'markers'}: positions are only as accurate as these"
+    doubt += f", and a pixel is {pixel:.1f} mm" * scene.by_hand + "; light the table so that the noses show"
     notes, against = marker_notes(camera, scene.markers, scene.view, 0)
     warnings = (*(corner_doubts(first) if scene.by_hand else ()), doubt, *against)
     edge, unknown = BY_HAND if scene.by_hand else BY_MARKERS, (np.nan, np.nan)
     return Calibration(
         dataclasses.replace(camera, doubts=warnings), first, focal_from, np.nan, edge, unknown, parallax(first),
-        FOCAL_ERROR, (*notes, *aside_notes(camera)),
+        FOCAL_ERROR, (*notes, *oblique_notes(camera)),
         markers=scene.markers,
     )  # fmt: skip

@@ -24,15 +24,15 @@ def rows(found: Calibration) -> list[tuple[str, str]]:
     return [
         ("residual", f"{1e3 * camera.residual_m:.2f} mm rms, worst side {worst} {1e3 * sides[worst]:.2f} mm"),
         ("edge points", points),
-        ("edge taken", found.edge),
-        ("focal length", f"{camera.matrix[0, 0]:.0f} pixels{sure}, {found.fov:.1f} degrees across, {found.focal_from}"),
-        ("height", f"{camera.eye[2]:.3f} m over the cloth"),
+        ("edge used", found.edge),
+        ("focal length", f"{camera.matrix[0, 0]:.0f} pixels{sure}, {found.fov:.1f} degrees across; {found.focal_from}"),
+        ("height", f"{camera.eye[2]:.3f} m above the cloth"),
         ("tilt", f"{found.tilt:.2f} degrees"),
         ("distortion", f"k1 {k1}{k2}"),
-        ("places of balls", known),
+        ("ball positions", known),
         (
             "focal length 10 % off",
-            f"{1e3 * found.parallax[0]:.2f} mm rms, {1e3 * found.parallax[1]:.2f} mm at worst, places of balls",
+            f"{1e3 * found.parallax[0]:.2f} mm rms, {1e3 * found.parallax[1]:.2f} mm at worst, in ball positions",
         ),
     ]
 

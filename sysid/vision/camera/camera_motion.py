@@ -161,12 +161,12 @@ def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple
         for _ in range(ROUNDS):
             seen = SideView(found, camera.sides).camera_in(pictures)
             if seen is None or apart(camera, seen) > MAX_FOLLOWED_M:
-                raise BadInput("shows the table elsewhere than its camera's file has it; calibrate it anew")
+                raise BadInput("shows the table elsewhere than the camera file says; calibrate the camera again")
             found, before = seen, found
             if apart(found, before) < SETTLED_M:
                 break
         if found is not camera:
-            said = (f"the camera stands {1e3 * apart(camera, found):.1f} mm from where it was calibrated: followed",)
+            said = (f"the camera stands {1e3 * apart(camera, found):.1f} mm from where it was calibrated: corrected",)
     return dataclasses.replace(found, sides=side_profiles(pictures, found)), said
 
 

@@ -119,7 +119,7 @@ def _blobs(picture: Image, camera: Camera, rail: int, margin: float) -> tuple[Ar
     at = pixels[:, 0].reshape(shape), pixels[:, 1].reshape(shape)
     seen = cv2.remap(grey, *at, cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
     sd = max(DIAMOND_SIZE_M / step, 1.5)
-    # Where the picture ends within the filter's reach, its end looks like a blob.
+    # Where the picture ends within the filter's support, its end looks like a blob.
     inside = binary_erosion(seen_here, iterations=int(np.ceil(BLOB_REACH_SD * 2 * sd)), border_value=1)
     blob = gaussian_filter(seen, sd) - gaussian_filter(seen, 2 * sd)
     size = np.abs(blob) * inside

@@ -1,4 +1,4 @@
-"""How far an edge seems shifted by what lies beside it, where the picture does not tell them apart.
+"""The apparent shift of an edge by another one beside it that the picture does not resolve.
 
 In: a picture, a camera, and an edge along a rail. Out: the shift of the place where the colour changes fastest, from
 the step itself. A nose behind the narrow shadow of its cushion is such an edge: the two steps, one down and one up, are
@@ -64,14 +64,12 @@ def blur_shift(picture: Image, camera: Camera, rail: int, edge: Edge) -> float:
 
 
 def blur_notes(shifts: Mapping[int, float]) -> list[str]:
-    """What is to be said of noses that blur shifts, by rail [m]."""
+    """Notes on noses that blur shifts, by rail [m]."""
     far = max(shifts, key=lambda rail: abs(shifts[rail]), default=0)
     if abs(shifts.get(far, 0.0)) < MIN_NOTED_M:
         return []
-    text = (
-        f"a narrow shadow beside the nose at {RAIL_NAMES[far]} shifts it by {1e3 * shifts[far]:+.1f} mm in the picture"
-    )
-    return [f"{text}, which is taken off: more pixels would tell them apart"]
+    text = f"a narrow shadow beside the nose at {RAIL_NAMES[far]} shifts its edge by {1e3 * shifts[far]:+.1f} mm"
+    return [f"{text}, which is corrected: at a higher resolution the two would be distinct"]
 
 
 def _steepest(level: Array, across: Array, blur: float, near: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.messages import counted
 from sysid.vision.camera.noses import RAIL_RISE_M, CushionReading, TableEvidence, diamond_errors
 from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.trust import TABLE_SIZE_REMEDY
@@ -31,14 +32,14 @@ def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> li
     """What speaks for a camera, in lines."""
     found = []
     if len(seen.diamonds.pixels):
-        found.append(
-            f"{len(seen.diamonds.pixels)} diamonds within {1e3 * _diamond_rms(camera, seen, reading):.1f} mm rms"
-        )
+        rms = _diamond_rms(camera, seen, reading)
+        found.append(f"{counted(len(seen.diamonds.pixels), 'diamond')} within {1e3 * rms:.1f} mm rms")
     ratio, sd = seen.balls.ratio(camera)
     if np.isfinite(ratio):
-        found.append(f"{len(seen.balls.radius)} outlines of balls {100 * (ratio - 1):+.0f} +- {100 * sd:.0f} % in size")
+        size = f"{100 * (ratio - 1):+.0f} +- {100 * sd:.0f} % in size"
+        found.append(f"{counted(len(seen.balls.radius), 'ball outline')}, {size}")
     if len(seen.markers):
-        found.append(f"{len(seen.markers)} markers")
+        found.append(counted(len(seen.markers), "marker"))
     if found:
         return [f"checked by {' and by '.join(found)}"]
     return ["no diamonds and no balls were seen: the noses alone determine the camera"]
@@ -66,20 +67,18 @@ def evidence_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading
 def _reading_doubts(camera: Camera, reading: CushionReading, max_cost: float) -> list[str]:
     """Doubts that the edges taken are the noses."""
     if reading.lead < MIN_LEAD:
-        return [f"other edges beside the bed could as well be the noses, as a shadow's: {TABLE_SIZE_REMEDY}"]
+        return [f"other edges beside the bed, such as of a shadow, may be the noses as well: {TABLE_SIZE_REMEDY}"]
     if reading.cost > max_cost:
         deviations = float(np.sqrt(reading.cost))
-        text = f"noses, end of the cloth, diamonds and balls do not go together ({deviations:.0f} standard deviations)"
+        text = f"noses, cloth edge, diamonds and balls contradict each other ({deviations:.0f} standard deviations)"
         return [f"{text}: {TABLE_SIZE_REMEDY}"]
     if not CUSHION_WIDTHS_M[0] < reading.cushion_width < CUSHION_WIDTHS_M[1]:
-        text = (
-            f"the cloth on the cushions would be {1e3 * reading.cushion_width:.0f} mm wide, as behind a shadow's edge"
-        )
+        text = f"the cloth on the cushions would be {1e3 * reading.cushion_width:.0f} mm wide, as behind a shadow"
         return [f"{text}: {TABLE_SIZE_REMEDY}"]
     pixels = reading.camera.outline(_corners(camera))
     change = np.linalg.norm(camera.centres(pixels) - _corners(camera), axis=1)
     if not change.max() < MAX_CHANGE_M:
-        text = f"edge points and the rest of what is seen disagree by {1e3 * change.max():.0f} mm"
+        text = f"edge points and the rest of the evidence disagree by {1e3 * change.max():.0f} mm"
         return [f"{text}: {TABLE_SIZE_REMEDY}"]
     return []
 
@@ -91,11 +90,11 @@ def _size_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -
     if len(seen.diamonds.pixels):
         error = _diamond_rms(camera, seen, reading)
         if error > max(MAX_DIAMOND_RMS_M, MAX_DIAMOND_RMS_PX * pixel):
-            messages.append(f"the diamonds lie {1e3 * error:.0f} mm off the eighths of the table: {TABLE_SIZE_REMEDY}")
+            messages.append(f"the diamonds lie {1e3 * error:.0f} mm from the eighths of the table: {TABLE_SIZE_REMEDY}")
     ratio, sd = seen.balls.ratio(camera)
     if np.isfinite(ratio) and abs(np.log(ratio)) > MAX_BALL_SD * sd:
         messages.append(
-            f"the balls' size is {100 * (ratio - 1):+.0f} % off that of such balls on such a table: "
+            f"the size of the balls differs by {100 * (ratio - 1):+.0f} % from that expected on such a table: "
             "check --diameter, --length and --width, or give --corners"
         )
     return messages
@@ -105,7 +104,7 @@ def _lens_doubts(camera: Camera) -> list[str]:
     """Doubts that such a lens is made."""
     fov = float(np.degrees(2 * np.arctan(max(camera.size) / 2 / camera.matrix[0, 0])))
     if not FOV_DEG[0] < fov < FOV_DEG[1]:
-        return [f"a field of view of {fov:.0f} degrees is not that of such a lens: {LENS_REMEDY}"]
+        return [f"no usual lens has a field of view of {fov:.0f} degrees: {LENS_REMEDY}"]
     seen = camera.axes @ np.column_stack([_corners(camera), np.zeros(4)]).T + camera.translation[:, None]
     square = float(np.max(np.sum((seen[:2] / seen[2]) ** 2, axis=0)))
     k1, k2, _, _, k3 = camera.distortion
@@ -113,9 +112,7 @@ def _lens_doubts(camera: Camera) -> list[str]:
     bend = k1 * squares + k2 * squares**2 + k3 * squares**3
     grows = 1 + 3 * k1 * squares + 5 * k2 * squares**2 + 7 * k3 * squares**3
     if np.abs(bend).max() > MAX_DISTORTION or grows.min() <= 0:
-        return [
-            f"a distortion of {100 * bend[np.argmax(np.abs(bend))]:+.0f} % is not that of such a lens: {LENS_REMEDY}"
-        ]
+        return [f"no usual lens has a distortion of {100 * bend[np.argmax(np.abs(bend))]:+.0f} %: {LENS_REMEDY}"]
     return []
 
 

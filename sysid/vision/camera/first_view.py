@@ -33,7 +33,8 @@ def initial_camera(
     """A camera without pose, whose lens is that of a board, of a field of view [degrees], or an assumed one."""
     if lens is not None:
         if lens.size != size:
-            raise BadInput(f"the board was filmed at {lens.size}, the table at {size} pixels: film both alike")
+            w, h = lens.size
+            raise BadInput(f"the board was filmed at {w}x{h} pixels, the table at {size[0]}x{size[1]}: use one size")
         matrix, distortion = lens.matrix.copy(), lens.distortion.copy()
     else:
         focal = max(size) / 2 / np.tan(np.radians(fov or ASSUMED_FOV_DEG) / 2)
@@ -54,7 +55,7 @@ def sides_of(corners: Array, count: int) -> list[Side]:
         out = float(normal @ (a - middle))
         if length < 10 or abs(out) < 5:
             raise BadInput(
-                "--corners: two of them coincide, or three lie in a line; give the four corners of the noses"
+                "--corners: two of them coincide, or three lie on a line; give the four crossings of the nose lines"
             )
         normal = normal * np.sign(out)
         found.append(Side(normal, float(normal @ a), a + np.linspace(0.02, 0.98, 40)[:, None] * (b - a)))
@@ -97,7 +98,7 @@ def first_view(
     if len(found) == 2 and _misfit(found[1][0]) < 2 * _misfit(found[0][0]):
         found.sort(key=lambda pair: -pair[1])  # if either pair may be the length, it is the longer one in the picture
     if found[0][0].camera.eye[2] <= 0:
-        raise BadInput("the sides found are not those of a table seen from above; give --corners")
+        raise BadInput("the sides found do not form a table seen from above; give --corners")
     return found[0][0]
 
 
@@ -105,7 +106,7 @@ def _rail_assignments(sides: list[Side], sees: Sequence[str]) -> tuple[list[Side
     """The sides used, and the rails that they may be."""
     if len(sees) == 3:
         if len(sides) < 3:
-            raise BadInput(f"only {len(sides)} of the three sides found; follow them with --corners")
+            raise BadInput(f"only {len(sides)} of the three sides found; mark points along them with --corners")
         sides = sorted(
             sorted(sides, key=lambda side: len(side.points))[-3:], key=lambda side: side.bearing % (2 * np.pi)
         )
@@ -116,7 +117,7 @@ def _rail_assignments(sides: list[Side], sees: Sequence[str]) -> tuple[list[Side
         return sides[first:] + sides[:first], [tuple(RAILS_AROUND[(missing + 1 + k) % 4] for k in range(3))]
     if len(sides) < 4:
         text = f"only {len(sides)} of four straight sides of the cloth found; give --corners"
-        raise BadInput(text + ", or where only three are in view --sees")
+        raise BadInput(text + ", or --sees if only three are in view")
     assignments = []
     for shift in range(4):
         rails = tuple(RAILS_AROUND[(k + shift) % 4] for k in range(4))

@@ -50,14 +50,14 @@ def table_view(videos: Mapping[str, Sequence[Picture]]) -> TableView:
     for name in names:
         if videos[name][0].shape != first:
             size, other = (f"{s[1]}x{s[0]}" for s in (videos[name][0].shape, first))
-            raise BadInput(f"{name}: is {size} pixels, {names[0]} {other}: calibrate them apart")
+            raise BadInput(f"{name}: is {size} pixels, {names[0]} {other}: calibrate them separately")
     medians = {name: _median(videos[name]).astype(np.uint8) for name in names}
     same = {a: [b for b in names if a == b or shift(medians[a], medians[b]) <= MAX_SHIFT_PX] for a in names}
     used = max(same.values(), key=len)
     left = [name for name in names if name not in used]
-    notes = [f"{name}: the camera stands elsewhere in it; it is left out of the calibration" for name in left]
+    notes = [f"{name}: the camera stood elsewhere; left out of the calibration" for name in left]
     notes += [
-        f"{name}: the camera moves between its first frame and its last"
+        f"{name}: the camera moves between the first frame and the last"
         for name in used
         if len(videos[name]) > 1 and shift(videos[name][0], videos[name][-1]) > MAX_SHIFT_PX
     ]

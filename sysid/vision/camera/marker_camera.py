@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from models.messages import counted
 from models.shot import NOSE_HEIGHT, RAIL_NAMES
 from sysid.vision.camera.markers import Markers
 from sysid.vision.camera.pose import distances, jacobian, moved
@@ -185,20 +186,20 @@ def marker_notes(camera: Camera, markers: Markers, view: MarkerView | None, seen
     if len(markers) < 2:  # one may be anything that looks like it
         return [], []
     if view is None and len(markers) < MIN_MARKERS:
-        return [f"{len(markers)} markers are seen, too few to be used: show {MIN_MARKERS} on {MIN_RAILS} cushions"], []
+        found = counted(len(markers), "marker")
+        return [f"{found} seen, too few to be used: show {MIN_MARKERS} on {MIN_RAILS} cushions"], []
     wrong = misplaced(camera, markers)
     if view is None:
-        named = "; ".join(wrong[:3]) or "each may be the wrong one"
+        named = "; ".join(wrong[:3]) or "any of them may be wrong"
         return [], [f"the markers contradict each other: {named}: lay them as their sheet says"]
     notes, doubts = [], []
     used = markers.where(view.used)
     amiss = misplaced(camera, used)
     others = [line for line in wrong if line not in amiss]
     errors = marker_errors(camera, used)[0]
-    notes.append(
-        f"{len(used)} markers, fronts within {1e3 * float(np.sqrt(np.mean(errors**2))):.1f} mm rms of the noses"
-    )
-    doubts += [f"{line}: {LAY_REMEDY}, or the edge taken there is no nose" for line in amiss]
+    rms = float(np.sqrt(np.mean(errors**2)))
+    notes.append(f"{counted(len(used), 'marker')}, front edges within {1e3 * rms:.1f} mm rms of the noses")
+    doubts += [f"{line}: {LAY_REMEDY}, or the edge used there is not a nose" for line in amiss]
     left_out = markers.numbers[~view.used].tolist()
     sure = seen == 4 and len(left_out) == 1  # four that agree may do so by chance
     for line in others:

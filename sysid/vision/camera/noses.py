@@ -243,7 +243,7 @@ def _differ(one: Sequence[tuple[Edge | None, float]], other: Sequence[tuple[Edge
 
 
 def _at_end(reading: Sequence[tuple[Edge | None, float]], outline: float) -> bool:
-    """Whether the noses of a reading are the end of the cloth, which then tells nothing of cushions behind them."""
+    """Whether the noses of a reading are the end of the cloth, which then gives no width of the cushions."""
     return all(edge is None or edge.offset > outline - CLOTH_EDGE_M for edge, _ in reading)
 
 

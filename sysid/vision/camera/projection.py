@@ -28,7 +28,7 @@ from models.shot import Ball, Table
 Array = NDArray[np.float64]
 FILE_FORMAT = "billiard-camera/1"
 DOUBTED_SOURCE = "not to be trusted"  # in the `source` of files without `trusted`
-UNKNOWN_DOUBT = "its file says so, and not why"
+UNKNOWN_DOUBT = "its file does not say why"
 MIN_FOCAL_PX = 10.0  # focal length of a camera
 SIDE_PROFILES = (40, 43)  # places at the sides and samples across the noses of `Camera.sides`
 OUTLINE_POINTS = 24  # of a ball
@@ -188,7 +188,7 @@ def _read_sides(value: Any) -> NDArray[np.uint8]:
         return held.reshape(SIDE_PROFILES)
     except (TypeError, ValueError, binascii.Error):
         count = SIDE_PROFILES[0] * SIDE_PROFILES[1]
-        raise BadInput(f"sides is not {count} bytes in base64: take it out, or make a camera file anew") from None
+        raise BadInput(f"sides is not {count} bytes in base64: remove it, or calibrate the camera again") from None
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class CameraFile:
     def __post_init__(self) -> None:
         """BadInput for no matrix of a camera, one that does not look at the table, or one both trusted and doubted."""
         if self.trusted and self.doubts:
-            raise BadInput("trusted = true stands beside doubts: take one of the two out")
+            raise BadInput("trusted = true contradicts doubts: remove one of the two")
         (fx, _, _), (below, fy, _), last = self.matrix.tolist()
         if min(fx, fy) < MIN_FOCAL_PX or below != 0 or last != [0.0, 0.0, 1.0]:
             raise BadInput("matrix is none of a camera: write [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels")

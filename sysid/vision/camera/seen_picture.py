@@ -1,7 +1,7 @@
 """What is seen of a table where no camera over it could be found: in a picture, and in words.
 
 In: a picture, the sizes of table and balls, and what was given. Out: `SeenTable`: the cloth, its straight sides and
-where they meet, what lies on it as large as a ball, printed markers, and how far from aside it is seen.
+where they meet, what lies on it as large as a ball, printed markers, and how oblique the view is.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.files import write_whole
+from models.messages import counted
 from models.shot import RAIL_NAMES, Table
 from sysid.vision.camera import table_lines
 from sysid.vision.camera.calibration_picture import BALL_COLOUR, GIVEN_COLOUR, Bgr, Picture, text_below, whole_canvas
@@ -22,7 +23,7 @@ from sysid.vision.camera.first_view import first_view, initial_camera
 from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table_lines import Side
-from sysid.vision.camera.trust import aside_notes
+from sysid.vision.camera.trust import oblique_notes
 
 CLOTH_COLOUR: Bgr = (255, 255, 0)
 SIDE_COLOUR: Bgr = (255, 0, 255)
@@ -60,19 +61,19 @@ class SeenTable:
 
     def lines(self) -> list[str]:
         """The same in words."""
-        told = [f"corners given (white): {_as_text(self.given)}"] if len(self.given) else []
+        text = [f"corners given (white): {_as_text(self.given)}"] if len(self.given) else []
         if len(self.markers):
-            told.append(f"printed markers (yellow): {', '.join(map(str, self.markers.numbers.tolist()))}")
+            text.append(f"printed markers (yellow): {', '.join(map(str, self.markers.numbers.tolist()))}")
         if self.cloth is None:
-            return [*told, "no cloth is seen: nothing of one colour fills the middle of the picture"]
+            return [*text, "no cloth is seen: no area of one colour fills the middle of the picture"]
         share = 100 * float((self.cloth > 0).mean())
-        told.append(f"cloth (cyan): {share:.0f} % of the picture; {len(self.sides)} straight sides (magenta)")
+        text.append(f"cloth (cyan): {share:.0f} % of the picture; {len(self.sides)} straight sides (magenta)")
         if self.cut:
-            told.append(f"the cloth goes on beyond the {' and the '.join(self.cut)} of the picture")
+            text.append(f"the cloth extends beyond the {' and the '.join(self.cut)} of the picture")
         if len(corners := self.corners):
-            told.append(f"the cloth's sides meet (yellow) at {_as_text(corners)}: its end, not the noses")
-        told.append(f"{len(self.balls) or 'no'} things on the cloth as large as a ball (red)")
-        return told + (aside_notes(self.camera) if self.camera is not None else [])
+            text.append(f"the sides of the cloth meet (yellow) at {_as_text(corners)}: its outer edges, not the noses")
+        text.append(f"{counted(len(self.balls), 'object')} of a ball's size on the cloth (red)")
+        return text + (oblique_notes(self.camera) if self.camera is not None else [])
 
     def draw(self, path: Path, why: str) -> None:
         """Write the picture with all that was seen, and why that was not enough."""
@@ -115,7 +116,7 @@ def seen_table(
         return SeenTable(picture, none, None, (), (), np.zeros((0, 3)), markers, None)
     sides = tuple(table_lines.sides(cloth))
     camera = None
-    try:  # with the focal length of a usual lens: sides alone hardly tell it
+    try:  # with the focal length of a usual lens: sides alone hardly determine it
         start = initial_camera((picture.shape[1], picture.shape[0]), table, diameter, None, None)
         camera = first_view(start, list(sides), RAIL_NAMES, (), False).camera
     except BadInput:

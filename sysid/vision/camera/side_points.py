@@ -113,7 +113,7 @@ def _points(light: Image, camera: Camera, edges: SideEdges, search: float) -> tu
     for rail in sorted({*their.tolist()} - pixels.keys()):
         pixels[rail] = instead[their == rail]
     if len(pixels) < 3:
-        raise BadInput("the cushions' edges are too faint to be followed; film with more light, or more frames")
+        raise BadInput("the edges of the cushions are too faint; film with more light, or more frames")
     rails = np.repeat(np.array(list(pixels)), [len(points) for points in pixels.values()]).astype(np.intp)
     return np.concatenate(list(pixels.values())), rails, ~np.isin(rails, [*edges.noses, *edges.ends])
 

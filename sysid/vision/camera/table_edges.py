@@ -1,7 +1,7 @@
 """The edges along the sides of a table, and their sub-pixel edge points.
 
-In: a picture and a rough camera. Out: `Edge` of every step along a side, and the points of one. Which of them is the
-nose of the cushion is told by noses.py.
+In: a picture and a rough camera. Out: `Edge` of every step along a side, and the points of one. noses.py decides
+which of them is the nose of the cushion.
 
 The noses hide what lies behind them, so the end of the visible bed is the image of the nose line, at the height of the
 noses. Beside it there may be the cushion's outer edge (cloth against wood, about 5 cm on), the shadow of a cushion on
@@ -31,8 +31,8 @@ SIDE_BLOCKS = 60  # averages along a side
 SIDE_PARTS = 6  # of a side, in each of which an edge may be brighter or darker
 MIN_SIGNIFICANCE = 6.0  # of an edge [standard errors]
 MIN_STEP_GREY = 1.0  # of an edge [grey levels]
-REACHES = 11  # tried of a strip that may leave the picture
-ALMOST_ALL = 0.9  # of what is seen of a side with the least reach
+EXTENT_TRIALS = 11  # of a strip that may leave the picture
+ALMOST_ALL = 0.9  # of what is seen of a side with the least extent
 MAX_STRIP_PX = 8000  # length
 MAX_EDGE_POINTS = 300  # of a side
 ACROSS_STEP_PX = 0.25  # of the strip in which edge points are found
@@ -121,14 +121,14 @@ def strip(
     return Strip(np.asarray(seen, float), along, across, size)
 
 
-def reach(camera: Camera, rail: int, low: float, least: float, most: float) -> float:
-    """How far out of a nose a strip from `low` may go without losing much of the side where the picture ends [m].
+def visible_extent(camera: Camera, rail: int, low: float, least: float, most: float) -> float:
+    """How far out from a nose a strip from `low` may extend without losing much of the side where the picture ends [m].
 
     Between `least` and `most`, which is kept where not even `least` is in view.
     """
     half = (camera.table.length, camera.table.width)[1 - rail // 2] / 2
     along = np.linspace(-half, half, 100)
-    tried = np.linspace(most, least, REACHES)
+    tried = np.linspace(most, least, EXTENT_TRIALS)
     seen = [int(_visible(camera, rail, along, low, float(high)).sum()) for high in tried]
     return float(next((high for high, n in zip(tried, seen, strict=True) if 0 < seen[-1] * ALMOST_ALL <= n), most))
 

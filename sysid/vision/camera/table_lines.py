@@ -33,7 +33,7 @@ COLOUR_ROUNDS = 6  # of fitting the colour of the cloth
 COLOUR_OUTLIER_SD = 6.0  # robust standard deviations from which on a colour is not the cloth's
 COLOUR_LIMITS = (0.15, 0.4)  # of that distance, in logarithms of ratios of light
 TRIED_PAIRS = 800  # of outline points, as candidates of sides
-RIM_PX = 5  # of the picture, in which the cloth reaches its border,
+RIM_PX = 5  # of the picture, in which the cloth meets its border,
 MIN_CUT_FRACTION = 0.1  # along so much of it
 RIM_LOST_PX = 4.0  # that the region may end inside the cloth's edge
 EDGE_REACH_PX = (-1.0, 6.0)  # out of the region's outline, in which the cloth's edge is looked for
@@ -72,7 +72,7 @@ def cloth(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     largest = max(outlines, key=cv2.contourArea, default=None)
     if largest is None or cv2.contourArea(largest) < MIN_CLOTH_FRACTION * mask.size:
-        raise BadInput(f"no table found: the largest region of the cloth's colour is small; {NO_TABLE_REMEDY}")
+        raise BadInput(f"no table found: the largest area of the cloth's colour is too small; {NO_TABLE_REMEDY}")
     region = np.zeros_like(mask)
     cv2.drawContours(region, [largest], -1, 255, cv2.FILLED)
     return np.asarray(region)

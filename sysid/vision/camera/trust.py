@@ -21,7 +21,7 @@ MAX_PLACE_SD_M = 3e-3  # of a place on the table, at worst,
 MAX_RMS_SD_M = 2.5e-3  # and rms over it
 MAX_CORNER_RMS_PX = 2.0  # of corners given by hand
 MAX_TILT_DEG = 70.0  # beyond which the table is hardly seen from above
-ASIDE_DEG = 45.0  # beyond which a view is nearer to level than to straight down
+OBLIQUE_DEG = 45.0  # beyond which a view is nearer to level than to straight down
 MAX_OUTLIER_FRACTION = 0.4  # of the edge points
 FOCAL_ERROR = 0.1  # relative, whose effect is reported
 K1_PRIOR = {"k1": (0.0, 0.2)}  # mean and standard deviation of the distortion of lenses
@@ -87,7 +87,7 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
     limit = max(MAX_BEND_M, MAX_BEND_PX * lines.rms / lines.reprojection_error)
     if drift > limit:
         messages.append(
-            f"the sides leave their lines by {1e3 * drift:.1f} mm, more than {1e3 * limit:.1f} mm: {TABLE_SIZE_REMEDY}"
+            f"the sides depart from lines by {1e3 * drift:.1f} mm, more than {1e3 * limit:.1f} mm: {TABLE_SIZE_REMEDY}"
         )
     if len(set(lines.rails.tolist())) == 4:
         free = ("margin", *(("k1",) if "k1" in lines.free else ()), *(("focal",) if found_focal else ()))
@@ -103,7 +103,7 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
             messages.append("the only edge seen may be the outer edge of the cushions: give --fov or --corners")
     place_sd = uncertainty(lines)[1]
     if place_sd > MAX_PLACE_SD_M:
-        messages.append(f"places are known to {1e3 * place_sd:.0f} mm only: show more of the sides, or film a board")
+        messages.append(f"positions are known to {1e3 * place_sd:.0f} mm only: show more of the sides, or film a board")
     outliers = 1 - float(lines.kept.mean())
     if outliers > MAX_OUTLIER_FRACTION:
         messages.append(f"{100 * outliers:.0f} % of the edge points lie off the lines: give --corners")
@@ -122,8 +122,8 @@ def assumed_focal_doubts(shift: float, focal_sd: float, spread: float) -> list[s
     if error < MAX_RMS_SD_M:
         return []
     return [
-        f"{ASSUMED_FOCAL}, and may be {100 * focal_sd:.0f} % off: places would be {1e3 * error:.0f}"
-        " mm off; give --fov, or film a board"
+        f"{ASSUMED_FOCAL}, and may be wrong by {100 * focal_sd:.0f} %: positions would be wrong by {1e3 * error:.0f}"
+        " mm; give --fov, or film a board"
     ]
 
 
@@ -132,12 +132,12 @@ def tilt(camera: Camera) -> float:
     return float(np.degrees(np.arccos(np.clip(-camera.axes[2, 2], -1, 1))))
 
 
-def aside_notes(camera: Camera) -> list[str]:
-    """What is to be said of a view that is nearer to level than to straight down."""
-    if (lean := tilt(camera)) < ASIDE_DEG:
+def oblique_notes(camera: Camera) -> list[str]:
+    """Notes on a view that is nearer to level than to straight down."""
+    if (lean := tilt(camera)) < OBLIQUE_DEG:
         return []
     return [
-        f"a view from aside, {lean:.0f} degrees off the vertical: along the line of sight a pixel covers"
+        f"an oblique view, {lean:.0f} degrees from the vertical: along the line of sight a pixel covers"
         f" {1 / max(np.cos(np.radians(lean)), 1e-3):.1f} times as much of the table, and balls hide each other;"
         " film from higher up"
     ]

@@ -1,8 +1,8 @@
 """The last fit of a camera: a side counts as its points keep to a line, and the cloth ends parallel to the nose.
 
 In: a fit to points of the noses, and points where the cloth ends behind them. Out: the same fit, weighed. The points of
-a side do not err independently of each other: compression, cloth and lamps shift an edge over stretches of it. So the
-means of stretches count, by their scatter about a line: a weak edge wanders by millimetres where a clear one keeps to
+a side do not err independently of each other: compression, cloth and lamps shift an edge over sections of it. So the
+means of sections count, by their scatter about a line: a weak edge wanders by millimetres where a clear one keeps to
 tenths. How far behind a nose the cloth ends may differ from side to side; there, only its direction counts.
 """
 
@@ -19,9 +19,9 @@ from sysid.vision.camera.pose import CameraFit, Mask, distances, jacobian, moved
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.trust import K1_PRIOR
 
-STRETCHES = 8  # of a side, which err independently
-MIN_STRETCH_POINTS = 3  # fewer points make fewer stretches
-MIN_STRETCH_SD_PX = 0.03  # of the mean of one
+SECTIONS = 8  # of a side, which err independently
+MIN_SECTION_POINTS = 3  # fewer points make fewer sections
+MIN_SECTION_SD_PX = 0.03  # of the mean of one
 SHIFT_SD = 0.5  # of a shift that was taken off, relative
 OUTLIER_SD = 4.0  # of points at the end of the cloth
 
@@ -82,13 +82,13 @@ def _line(camera: Camera, pixels: Array, rail: int, parallel: bool, pixel: float
         pixels = pixels[_inliers(distances(camera, pixels, np.full(len(pixels), rail)), 0.1 * pixel)]
     away = distances(camera, pixels, np.full(len(pixels), rail))
     order = np.argsort(pixels[:, int(np.argmax(np.ptp(pixels, axis=0)))]) if len(pixels) else np.zeros(0, int)
-    count = min(STRETCHES, len(pixels) // MIN_STRETCH_POINTS)
-    if count < MIN_STRETCH_POINTS:
+    count = min(SECTIONS, len(pixels) // MIN_SECTION_POINTS)
+    if count < MIN_SECTION_POINTS:
         return _Line(pixels, rail, pixel, parallel, shift)
     means = np.array([part.mean() for part in np.array_split(away[order], count)])
     along = np.linspace(-1, 1, count)
     bent = means - np.polyval(np.polyfit(along, means, 1), along)
-    sd = max(float(np.sqrt(np.sum(bent**2) / (count - 2))), MIN_STRETCH_SD_PX * pixel)
+    sd = max(float(np.sqrt(np.sum(bent**2) / (count - 2))), MIN_SECTION_SD_PX * pixel)
     return _Line(pixels, rail, sd * float(np.sqrt(len(pixels) / count)), parallel, shift)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from models.analytic.cueing import CueStick, miscue_limit
 from models.errors import BadInput
+from models.messages import counted
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import CueAxis, align_axis, candidate_axes, plane_pixels
 from sysid.vision.cue.tip import tip_distances
@@ -72,7 +73,7 @@ def against_ball(cue: CueMotion, speed: float, radius: float) -> CueMotion:
     nan = math.nan
     return replace(
         cue, speed=nan, speed_sd=nan, acceleration=nan, azimuth=nan, azimuth_sd=nan, side=nan, side_sd=nan, contact=nan,
-        contact_sd=nan, notes=(f"{why}: what was followed is not the cue, and is left out",),
+        contact_sd=nan, notes=(f"{why}: what was tracked is not the cue, and is left out",),
     )  # fmt: skip
 
 
@@ -121,8 +122,8 @@ def _motion(
     (c, s), degrees = axis.direction, math.degrees(REPORTED_ELEVATION_RAD)
     lean = float(c * y - s * x)
     percent = 100 * (math.cos(REPORTED_ELEVATION_RAD) + math.sin(REPORTED_ELEVATION_RAD) * float(c * x + s * y) - 1)
-    turned = f"a cue is seen turned by {lean * degrees:+.2f} degrees and {percent:+.1f} % faster"
-    notes.append(f"raised by {degrees:.0f} degrees, {turned}")
+    turned = f"turned by {lean * degrees:+.2f} degrees and {percent:+.1f} % faster"
+    notes.append(f"a cue raised by {degrees:.0f} degrees would appear {turned}")
     return CueMotion(
         *speed[:3], math.remainder(axis.azimuth, 2 * math.pi), float(sd[1]), axis.side, float(sd[0]), *speed[3:],
         time[seen], tip[seen], lean, tuple(notes),
@@ -141,7 +142,7 @@ def _speed(time: Array, distance: Array, scale: float, notes: list[str]) -> tupl
     recent &= t > (t[-1] if len(t) else 0.0) - SPEED_WINDOW_S
     t, x = t[recent], x[recent]
     if len(x) < 3 or x[0] - x[-1] < scale:
-        notes.append(f"the tip approaches in {len(x)} pictures before contact: too few for a speed")
+        notes.append(f"the tip approaches in only {counted(len(x), 'frame')} before contact: too few for a speed")
         return (math.nan,) * 5
     noise = 0.02 * scale
     if len(x) > 6:
@@ -160,10 +161,10 @@ def _speed(time: Array, distance: Array, scale: float, notes: list[str]) -> tupl
         until_contact -= float(np.polyval(value, until_contact) / np.polyval(np.polyder(value), until_contact))
     speed = -float(np.polyval(np.polyder(value), until_contact))
     if not speed > 0 or not until_contact > -2 * SPEED_WINDOW_S:
-        notes.append("the cue does not come as far as the ball: no speed")
+        notes.append("the cue stops short of the ball: no speed")
         return (math.nan,) * 5
     if until_contact > 0.05:
-        notes.append(f"the pictures end {until_contact:.3f} s before contact: the speed is extrapolated to it")
+        notes.append(f"the frames end {until_contact:.3f} s before contact: the speed is extrapolated")
     powers = np.arange(len(value))[::-1]
     place, rise = until_contact**powers, powers * until_contact ** np.maximum(powers - 1, 0)
     # The front of a tip is known to half a pixel.

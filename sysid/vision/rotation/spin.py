@@ -124,20 +124,20 @@ def turning(seen: Sequence[Spots], radius: float) -> Turning:
 def _notes(frames: Sequence[Marks], state: _State | None, run: NDArray[np.int64], step: float) -> list[str]:
     """Notes for the user."""
     if state is None or not (run >= 0).any():
-        on_top = "the mark shows no rotation: it lies where the ball turns about it"
+        on_top = "the mark shows no rotation: it lies on the axis of rotation"
         return ["no mark was seen on the ball" if state is None else on_top]
     notes = []
     if (lost := int(np.sum(run < 0))) > 0:
-        why = "its marks not showing the turn" if all(len(f.place) for f in frames) else "its marks out of sight"
-        notes.append(f"in {lost} of {len(frames)} frames the turned angle is unknown, {why}")
+        why = "its marks do not show it" if all(len(f.place) for f in frames) else "its marks are out of sight"
+        notes.append(f"in {lost} of {len(frames)} frames the rotation angle is unknown: {why}")
     counts = np.bincount(run[run >= 0])
     if (counts > 0).sum() > 1:
-        part = f"the angle is that of {counts.max()} of {counts.sum()} frames in one piece"
-        notes.append(f"sight was lost for so long that the turn meanwhile is unknown: {part}")
+        part = f"the angle is given for the longest span, {counts.max()} of {counts.sum()} frames"
+        notes.append(f"the marks were out of sight for so long that the rotation meanwhile is unknown: {part}")
     single = len(state.place) == 1
-    subject = "a single mark: sidespin above" if single else "between frames, a change of spin by more than"
+    subject = "with a single mark, sidespin above" if single else "a change of spin between frames by more than"
     limit = (1.0 if single else 0.5) * smallest_angle(state.place) / step
-    return [*notes, f"{subject} {limit:.0f} rad/s looks like a smaller one"]
+    return [*notes, f"{subject} {limit:.0f} rad/s cannot be distinguished from a smaller one"]
 
 
 def _begin(frame: Marks, k: int) -> _State:

@@ -74,7 +74,7 @@ def rate(turned: Turning, start: float, end: float) -> Rate:
     count = int(use.sum())
     if count < 4:
         raise BadInput(
-            f"from {start:g} to {end:g} s the turned angle is known in {count} frames: choose a longer interval"
+            f"from {start:g} to {end:g} s the rotation angle is known in {count} frames only: choose a longer interval"
         )
     time, theta, sd = turned.time[use], turned.theta[use], turned.sd[use]
     middle = 0.5 * float(time[0] + time[-1])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.errors import BadInput
+from models.messages import counted
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.trust import with_doubts
 from sysid.vision.camera.projection import Array, Camera, ball_of
@@ -31,7 +32,7 @@ class Extra:
 
 def note(number: int, shot: TrackedShot, extra: Extra = Extra()) -> str:
     """The note on a clip: what it shows, for the user."""
-    count = f"{len(shot.balls)} ball{'s' * (len(shot.balls) > 1)}"
+    count = counted(len(shot.balls), "ball")
     what = f"{shot.struck} spins in place" if shot.spun else f"{'running clip' if shot.running else 'shot'} {number}"
     return "; ".join([f"{what} at {shot.time:.2f} s", count, *shot.remarks, *([extra.tip] if extra.tip else [])])
 

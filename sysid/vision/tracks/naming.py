@@ -57,5 +57,5 @@ def named(
             track = replace(track, name=f"{track.name}_{number[track.name]}")
         numbered.append(track)
     left = len(tracks) - len(kept)
-    notes = [f"{left} of {len(tracks)} things that were followed are no ball of the palette: left out"] if left else []
+    notes = [f"{left} of {len(tracks)} tracked objects match no ball of the palette: left out"] if left else []
     return tuple(numbered), [*naming.doubts, *notes]

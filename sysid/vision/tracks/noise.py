@@ -55,7 +55,7 @@ class Noise:
         """For the user."""
         kinds = {"moving": self.moving, "resting": self.resting}
         known = [f"{1e3 * sd:.3f} mm {name}" for name, sd in kinds.items() if math.isfinite(sd)]
-        return "noise " + (", ".join(known) or "not known: too few frames show a ball")
+        return "noise " + (", ".join(known) or "unknown: too few frames show a ball")
 
 
 def estimate_noise(scene: TrackedScene) -> Noise:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sysid.vision.camera.projection import Array
     from sysid.vision.tracks.follow import BallTrack
 
-# Standard deviations of a phase before it is seen: strokes of players reach 8 m/s, and sliding friction is 0.2 g.
+# Standard deviations of a phase before it is seen: players strike at up to 8 m/s, and sliding friction is 0.2 g.
 SPEED_SD_M_S = 3.0
 ACCELERATION_SD_M_S2 = 1.5
 # Priors enter by their logarithms: how often things happen to a ball in a second matters in its order of magnitude.

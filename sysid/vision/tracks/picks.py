@@ -4,8 +4,8 @@ In: the tracks, at times of stamps. Out: how long after the one before each fram
 sequence. Cut or converted films keep one, two or three pictures of 60 a second in turn, so that every ball that moves
 seems to scatter along its way, all at once and not across it. A ball that rolls freely shows the time between two
 frames by the length of its step beside those around it; the balls of a frame must agree. No frame is late by a period
-or more, so the steps before and after an impact, which shows nothing, tell together when its frames were taken.
-Nothing is changed unless such times explain the steps far better than the stamps do.
+or more, so the steps before and after an impact, which itself shows nothing, together determine when its frames were
+taken. Nothing is changed unless such times explain the steps far better than the stamps do.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from models.messages import counted
 from sysid.vision.camera.projection import Array
 from sysid.vision.tracks.follow import BallTrack
 
@@ -61,8 +62,8 @@ class Picks:
 
     def text(self, period: float) -> str:
         """What to report of it."""
-        changed = f"{len(self.durations)} times between frames set right by the steps of all moving balls"
-        return f"frames are picks from {FINER_PICTURES / period:.4g} a second, at uneven times: {changed}"
+        changed = f"{counted(len(self.durations), 'interval')} corrected by the steps of all moving balls"
+        return f"frames were picked from {FINER_PICTURES / period:.4g} a second, at uneven times: {changed}"
 
 
 def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
@@ -79,10 +80,10 @@ def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
         along.append(np.abs(np.sum(change * way, axis=1)))
         across.append(np.abs(change[:, 0] * way[:, 1] - change[:, 1] * way[:, 0]))
         steps.append((length[1:] + length[:-1])[both] / 2)
-    change, aside, length = (np.concatenate(v) if v else np.zeros(0) for v in (along, across, steps))
+    change, lateral, length = (np.concatenate(v) if v else np.zeros(0) for v in (along, across, steps))
     if len(change) < MIN_STEPS:
         return False
-    more = float(np.median(change)) > MIN_UNEVEN_RATIO * float(np.median(aside))
+    more = float(np.median(change)) > MIN_UNEVEN_RATIO * float(np.median(lateral))
     return more and float(np.median(change / length)) > MIN_UNEVEN_CHANGE
 
 

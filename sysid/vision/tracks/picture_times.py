@@ -78,7 +78,7 @@ def set_right(found: TimedTracks, twice: NDArray[np.bool_], camera: Camera) -> T
         found = found.without(still)
         sigma = found.resting_noise(camera)
     if again:
-        found = replace(found, notes=(f"{_listed(again)} the same picture as before: left out",))
+        found = replace(found, notes=(f"{_listed(again)} the same picture as the frame before: left out",))
     if len(found.times) < 2 or not found.tracks:
         return found
     period = float(np.median(np.diff(found.times)))
@@ -88,7 +88,7 @@ def set_right(found: TimedTracks, twice: NDArray[np.bool_], camera: Camera) -> T
     even = even_times(found.tracks, found.frames, found.times, sigma)
     if even is not None:
         times, period = even
-        found = found.at(times, f"pictures were taken at an even {1 / period:.3g} a second: times set right")
+        found = found.at(times, f"pictures were taken at a constant {1 / period:.3g} frames/s: times corrected")
         found = replace(found, rate=1 / period)
     gaps = _gaps(found, period, found.scene(camera, sigma))
     conversion = regular_gaps(gaps)
@@ -97,7 +97,7 @@ def set_right(found: TimedTracks, twice: NDArray[np.bool_], camera: Camera) -> T
         period *= conversion.share
         found = replace(found, rate=1 / period)
         gaps = _gaps(found, period, found.scene(camera, sigma))
-    notes = [f"before frame {f} {n} missing, though stamps are even: later stamps set right" for f, n in gaps.items()]
+    notes = [f"before frame {f} {n} missing, though stamps are even: later stamps corrected" for f, n in gaps.items()]
     return found.at(found.times + delays(found.frames, gaps, period), *notes)
 
 

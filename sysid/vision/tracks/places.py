@@ -41,7 +41,7 @@ class PlaceError:
         """For the user."""
         parts = sorted(asdict(self).items(), key=lambda part: -part[1])
         each = ", ".join(f"{LABELS[name]} {1e3 * value:.2f}" for name, value in parts if value > 0)
-        return f"places within {1e3 * self.rms:.2f} mm rms: {each}"
+        return f"positions within {1e3 * self.rms:.2f} mm rms: {each}"
 
 
 def place_error(

@@ -54,8 +54,8 @@ class Conversion:
 
     def text(self, period: float) -> str:
         """What to report of it."""
-        rates = f"{1 / (period * self.share):.4g} a second, stored as {1 / period:.4g}"
-        return f"one of {self.interval + 1} pictures is missing, as of {rates}: times set right"
+        rates = f"{1 / (period * self.share):.4g} frames/s stored as {1 / period:.4g}"
+        return f"one of {self.interval + 1} pictures is missing, as of {rates}: times corrected"
 
 
 def even_times(

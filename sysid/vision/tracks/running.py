@@ -28,7 +28,7 @@ from sysid.vision.tracks.strikes import (
 )
 
 UNUSED_MASS_KG = 1.0  # of a ball, which no motion shows
-TOO_SHORT = "too little of it is followed freely"
+TOO_SHORT = "too little of it is free motion"
 
 
 def running_shots(scene: TrackedScene, struck: FoundShots) -> tuple[list[TrackedShot], list[tuple[float, str]]]:
@@ -60,7 +60,7 @@ def _cut_off(scene: TrackedScene, shot: TrackedShot, strikes: Iterable[int]) -> 
         return []
     after = [int(m.track.frame[np.searchsorted(m.track.frame, shot.last, side="right")]) for m in going]
     names = _listed(list(dict.fromkeys(m.name for m in going)))
-    return [Unstruck(min(after), f"{names} moved on after a clip that was cut short at frame {shot.last}")]
+    return [Unstruck(min(after), f"{names} moved on after a clip that ends early, at frame {shot.last}")]
 
 
 def _running(scene: TrackedScene, one: Unstruck, strikes: Iterable[int]) -> tuple[TrackedShot | None, str]:
@@ -115,7 +115,7 @@ def _begun(scene: TrackedScene, shot: TrackedShot, why: str) -> tuple[TrackedSho
     first, track = int(scene.frames[k]), tracks[clip.struck]
     row = int(np.searchsorted(track.frame, first))
     speed = float(np.linalg.norm(phase_at(scene, track, row).velocity(float(track.time[row]))))
-    remark = f"in mid-motion from frame {first} on, {_listed(clip.running)} moving: {why}"
+    remark = f"begins in mid-motion at frame {first}, {_listed(clip.running)} moving: {why}"
     return dataclasses.replace(
         shot, struck=clip.struck, time=scene.time_of(first), first=first, speed=speed, running=clip.running,
         balls=(*clip.running, *[name for name in clip.balls if name not in clip.running]),

@@ -21,8 +21,8 @@ from sysid.vision.frames import Frame, Picture
 from sysid.vision.tracks.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared; or means of cells of this size
-LIGHT_STEP = 4  # of these cells, every so many tell how the light changes
-MIN_LIGHT_VARIANCE = 1.0  # of their values, to tell it
+LIGHT_STEP = 4  # of these cells, every so many are used to estimate how the light changes
+MIN_LIGHT_VARIANCE = 1.0  # of their values, for that estimate
 CHANGED_VALUES = 24  # of cells, three a cell, that change at least where a ball moves
 NEIGHBOURING_PICTURES = 5  # on either side, with whose changes that of a picture is compared
 USUAL_QUANTILE = 0.75  # of theirs, that is usual

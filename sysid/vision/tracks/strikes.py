@@ -1,7 +1,7 @@
 """From moves to shots: when a ball is struck, what belongs to the shot, and what is left out and why.
 
 In: the tracked scene. Out: `TrackedShot` in order of time, and messages on what was left out. A ball is set in motion
-by a moving ball that may touch it then, as far as their phases tell; otherwise it was struck, or moved by hand. A
+by a moving ball that may touch it then, as far as their phases show; otherwise it was struck, or moved by hand. A
 strike takes a millisecond or two, after which the ball is at its full speed; a ball that gains speed on free cloth was
 moved by hand. A shot lasts until all balls are at rest, potted or lost, or something else is set in motion. Its clip
 begins with the first frame exposed wholly after the strike, or with the last one before it if the struck ball has
@@ -80,7 +80,7 @@ def split_shots(scene: TrackedScene) -> FoundShots:
     unstruck: list[Unstruck] = []
     strikes: list[tuple[Move, list[Move], bool]] = []  # struck ball, balls set in motion with it, clean stroke
     for move in (m for m in moves if m.place is None):
-        what = "was on its way when the video begins" if move.began <= scene.frames[0] + MIN_REST_DETECTIONS else ""
+        what = "was already moving when the video begins" if move.began <= scene.frames[0] + MIN_REST_DETECTIONS else ""
         unstruck.append(Unstruck(move.began, f"{move.name} {what or 'was set in motion unseen'}"))
     for group in _groups(scene, [m for m in moves if m.place is not None and not _caused(scene, m, moves)]):
         struck = _struck(group)
@@ -90,7 +90,7 @@ def split_shots(scene: TrackedScene) -> FoundShots:
         alone = [m.name for m in group if m not in _set_in_motion(scene, struck, group)]
         if alone and not why:  # a cue strikes one ball
             names = " and ".join([struck.name, *alone])
-            unstruck.append(Unstruck(struck.began, f"{names} were set in motion at once by something unseen"))
+            unstruck.append(Unstruck(struck.began, f"{names} were set in motion together by something unseen"))
         strikes.append((struck, group, not why and not alone))
     shots = []
     strikes.sort(key=lambda one: one[0].began)
@@ -204,8 +204,8 @@ def _reaches(scene: TrackedScene, one: Move, other: Move) -> bool:
         return False
     way, velocity = other.place - one.place, other.velocity
     fastest = max(float(np.linalg.norm(m.velocity)) for m in (one, other))
-    reach = fastest * (scene.time_of(other.began) - scene.time_of(one.before) + scene.period)
-    near = float(np.linalg.norm(way)) < TOUCH_RADII * scene.radius + reach + SURE_SD * scene.sigma
+    travel = fastest * (scene.time_of(other.began) - scene.time_of(one.before) + scene.period)
+    near = float(np.linalg.norm(way)) < TOUCH_RADII * scene.radius + travel + SURE_SD * scene.sigma
     return near and float(velocity @ way) > 0
 
 
@@ -273,9 +273,9 @@ def _shot(
         first = min(m.before for m in group)
     for move in moves:
         if move not in group and move.began <= struck.before and move.ended > struck.began:
-            return None, f"{move.name} was still on its way"
+            return None, f"{move.name} was still moving"
     last, ends = ending(scene, first, min(struck.ended, limit), after, limit)
-    remarks = [f"hidden for {struck.hidden:.2f} s when struck: the time is where its path begins"] * bool(struck.hidden)
+    remarks = [f"hidden for {struck.hidden:.2f} s when struck: timed by where its path begins"] * bool(struck.hidden)
     seen, why = balls_there(scene, (struck.name,), first, last, after)
     if seen is None:
         return None, why
@@ -302,9 +302,9 @@ def ending(scene: TrackedScene, first: int, covered: int, after: Sequence[Move],
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit
     )
     last, jumps = first_break(scene, first, last)
-    remarks = [f"cut short at {scene.time_of(last):.2f} s, where {jumps} jumps"] if jumps else []
+    remarks = [f"ends at {scene.time_of(last):.2f} s, where the track of {jumps} jumps"] if jumps else []
     if last >= scene.frames[-1] and covered >= scene.frames[-1] - 1:
-        remarks.append("cut off by the end of the video")
+        remarks.append("ends with the video")
     return last, remarks
 
 
@@ -335,10 +335,10 @@ def balls_there(
         before = [rest_place(other, a, b) for a, b in scene.resting[other.name] if other.frame[a] <= first]
         present = rows.size and before and np.linalg.norm(other.xy[rows[0]] - before[-1]) < scene.radius / 2
         if other.name in moving and not rows.size:
-            return None, f"{other.name} is not seen in it"
+            return None, f"{other.name} is not seen in the clip"
         if other.name not in moving and not present:
             if rows.size > MIN_REST_DETECTIONS:
-                remarks.append(f"{other.name} appeared at {other.time[rows[0]]:.2f} s, not in the clip")
+                remarks.append(f"{other.name} appeared at {other.time[rows[0]]:.2f} s and is not in the clip")
             continue
         if other.name not in moving:
             balls.append(other.name)
@@ -350,5 +350,5 @@ def balls_there(
             potted[other.name] = drop_frame
             remarks.append(f"{other.name} potted")
         elif scene.time_of(last) - other.time[rows[-1]] > MAX_UNSEEN_S + scene.period:
-            remarks.append(f"{other.name} lost at {other.time[rows[-1]]:.2f} s")
+            remarks.append(f"{other.name} lost from sight at {other.time[rows[-1]]:.2f} s")
     return Present(tuple(balls), potted, tuple(remarks)), ""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from models.messages import counted
 from models.shot import Table
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.ahead import ahead
@@ -49,7 +50,7 @@ MAX_LOST_FRACTION = 0.5  # of the struck ball's frames without a detection, abov
 MAX_NOISE_RADII = 0.15  # noise above which the result is doubtful, in ball radii
 USUAL_FRAMES = 12  # the last ones, that show how often a picture is new
 MAX_BEYOND_NOSE_M = 0.004  # of a detection beyond the nose line
-NO_SHOT = "no shot was found, neither from a clean stroke on nor in mid-motion"
+NO_SHOT = "no shot was found, neither with its stroke nor in mid-motion"
 
 ClipTracks = Mapping[str, tuple[BallTrack, NDArray[np.int64]]]  # ball -> its track, and the indices of its detections
 
@@ -88,7 +89,7 @@ def track(
     shutter = shutter or Shutter()
     found = _followed(footage, camera, detector, counts, progress, shutter, watch, 0.0)
     if seem_uneven([*found.tracks], found.frames):
-        progress("frames seem to be taken at uneven times: following the balls once more")
+        progress("frames seem to have been taken at uneven times: tracking the balls again")
         found = _followed(footage, camera, detector, counts, progress, shutter, watch, UNEVEN_SD / footage.fps)
     followed, names = named(found.tracks, footage, detector)
     timed = set_right(TimedTracks(followed, found.frames, found.times), found.twice, camera)
@@ -103,7 +104,7 @@ def _while_standing(result: Tracked, found: _Followed) -> Tracked:
     ends = [found.times[np.searchsorted(found.frames, [shot.first, shot.last])] for shot in result.shots]
     moved = [found.standing.moved_by(*span) for span in ends]
     left_out = [
-        f"{_moment(scene, shot.time)}: the camera stands {1e3 * by:.1f} mm elsewhere than in most of the film: left out"
+        f"{_moment(scene, shot.time)}: the camera is {1e3 * by:.1f} mm from its place in most of the film: left out"
         for shot, by in zip(result.shots, moved, strict=True) if by
     ]  # fmt: skip
     return replace(without_shots(result, [by > 0 for by in moved]), left_out=(*result.left_out, *left_out))
@@ -154,7 +155,7 @@ def _followed(
         if (now := clock.monotonic()) - reported > PROGRESS_INTERVAL_S:
             reported, rate = now, len(frames) / (now - began)
             of = f" of {footage.count}" if footage.count else ""
-            progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {follower.in_sight} balls in sight")
+            progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {counted(follower.in_sight, 'ball')} in sight")
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
     return _Followed(
         follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate, standing
@@ -197,7 +198,7 @@ def tracked(
         gap = overlap(found, camera.radius)
         if gap < 2 * camera.radius - MAX_OVERLAP_M - 6 * scene.sigma:
             omitted.append(f"{_moment(scene, shot.time)}: balls {1e3 * gap:.1f} mm apart at the start: left out")
-            doubts.append(f"at {shot.time:.2f} s balls are seen within each other: check calibration and ball diameter")
+            doubts.append(f"at {shot.time:.2f} s balls overlap: check calibration and ball diameter")
             continue
         outside = {
             name: _off_table(track.xy[rows], camera.table, camera.diameter) for name, (track, rows) in found.items()
@@ -212,7 +213,7 @@ def tracked(
             if lost > MAX_LOST_FRACTION * (lost + found[shot.struck][1].size):
                 doubts.append(f"shot {len(kept)}: {shot.struck} was lost in {lost} of its frames")
     if not tracks:
-        doubts.append("no ball was found: check that camera file and palette belong to this video")
+        doubts.append("no ball was found: check that the camera file and the palette belong to this video")
     elif not kept:
         doubts.append(NO_SHOT)
     if noise.sigma > MAX_NOISE_RADII * camera.radius:

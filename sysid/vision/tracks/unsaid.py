@@ -52,5 +52,5 @@ def _unseen(scene: TrackedScene, track: BallTrack, shots: Sequence[TrackedShot])
         potted = any(0 <= time - drop < MAX_BRIDGED_S for drop in drops)
         if potted or any(begin <= k < end for begin, end in spans) or (last and whole[-1] - time < MAX_LOST_S):
             continue
-        until = "any more" if last else f"until frame {track.frame[k + 1]}, and elsewhere then"
+        until = "any more" if last else f"until frame {track.frame[k + 1]}, when it is elsewhere"
         yield time, f"{track.name} is not seen {until}"

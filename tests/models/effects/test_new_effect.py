@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from models import model_file
-from models.contract import check_file
 from models.errors import BadInput
 from models.model_file import add_folder, catalogue, effect_class, read_model
 from sysid.cli import main
 from sysid.new_effect import EFFECT_TEMPLATE, checked_name, class_name, write
 from tests.support.clip_samples import refusal
+from tests.support.effect_files import file_faults
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -52,7 +52,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
 
 
 def test_the_template_keeps_its_contract(own: Path) -> None:
-    assert check_file(own) == []
+    assert file_faults(own) == []
     assert effect_class("felt_wear").__name__ == "FeltWear"
     assert [
         d for d in ("forces", "impact", "strike", "exposures", "observe", "edit") if f"def {d}(" not in EFFECT_TEMPLATE
@@ -84,7 +84,7 @@ def test_a_whole_source_may_be_given(tmp_path: Path) -> None:
     effect, test = write("my_own", tmp_path, text)
     assert effect.read_text() == text
     compile(test.read_text(), str(test), "exec")
-    assert check_file(effect) == []
+    assert file_faults(effect) == []
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_result_becomes_an_effect(capsys: pytest.CaptureFixture[str], tmp_path
     assert (status, err) == (0, "")
     text = (tmp_path / "own" / "dead_rail.py").read_text()
     assert "hit.restitution += self.cushion_e_rail_2 * (rail == 2)" in text and "exec" not in text
-    assert check_file(tmp_path / "own") == []
+    assert file_faults(tmp_path / "own") == []
     kind = effect_class("dead_rail")
     assert kind.parameters()["cushion_e_rail_2"]["default"] == -0.12
     assert kind.parameters()["cushion_e_rail_2"]["source"] == 'sysid discover, a "re sult\\.json'

@@ -13,7 +13,7 @@ import pytest
 
 from models.mjcf.export import export, in_a_row
 from models.mjcf.native import Native
-from models.mjcf.world import build_model
+from models.mjcf.world import build_spec
 from models.model_file import Model
 from models.shot import Ball, Table
 
@@ -38,7 +38,7 @@ def test_the_exported_world_is_plain_mjcf(table: Table, ball: Ball, tmp_path: Pa
     export(Model(table, ball, native), in_a_row(NAMES, ball), path)
     text = path.read_text(encoding="utf-8")
     assert "file=" not in text, "it needs no other file"
-    model, here = mujoco.MjModel.from_xml_string(text), build_model(table, ball, NAMES, (native,))
+    model, here = mujoco.MjModel.from_xml_string(text), build_spec(table, ball, NAMES, (native,)).compile()
     assert model.npair == here.npair
     for field in ("pair_friction", "pair_solref", "pair_solreffriction", "pair_solimp"):
         assert getattr(model, field) == pytest.approx(getattr(here, field), rel=1e-5)

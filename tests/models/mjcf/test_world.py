@@ -15,7 +15,7 @@ import pytest
 from models.errors import BadInput
 from models.mjcf import gl
 from models.mjcf.native import Native, solref
-from models.mjcf.world import build_model, build_spec, pockets, rails
+from models.mjcf.world import build_spec, pockets, rails
 from models.shot import NOSE_COSINE, NOSE_HEIGHT, Ball, Table
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,7 +27,7 @@ NAMES = ("white", "yellow", "red 1")
 
 def native_model(table: Table, ball: Ball, names: tuple[str, ...] = NAMES, native: Native | None = None) -> Any:
     """The world with MuJoCo's own contacts."""
-    return build_model(table, ball, names, (native or Native(),))
+    return build_spec(table, ball, names, (native or Native(),)).compile()
 
 
 def place(model: Any, xy: Any, z: float) -> Any:

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 import models.model_file
-from models.contract import check_file
 from models.errors import BadInput
 from models.formula import BEND, HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, factor_value
 from models.hooks import address, hooks_of
@@ -32,6 +31,7 @@ from sysid.selection.formula import SparseFormula, describe, source_from
 from sysid.selection.terms import Shape, Term, curve, effect_from_terms, library, shapes, shapes_at_one
 from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
+from tests.support.effect_files import file_faults
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
@@ -85,7 +85,7 @@ def test_the_file_of_a_term_keeps_the_contract(tmp_path: Path, monkeypatch: pyte
     path = tmp_path / "odd_cloth.py"
     path.write_text(effect_source("odd_cloth", (term,), (term.width / 4,), "Odd.", "a test of terms"))
     shows_elsewhere = "no shot is changed"  # in a cell, at a rail or with a ball not met there
-    assert [f for f in check_file(path) if shows_elsewhere not in f] == []
+    assert [f for f in file_faults(path) if shows_elsewhere not in f] == []
 
 
 def test_terms_do_what_they_say() -> None:

@@ -64,8 +64,8 @@ def test_an_effect_of_one_s_own_has_rows_too(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(model_file, "_added", {})
     (tmp_path / "headwind.py").write_text(HEADWIND)
     assert model_file.add_folder(tmp_path) == ("headwind", "level")
-    assert "headwind" in match.effects_of()
-    assert "level" not in match.effects_of(), "it edits the MJCF: only MuJoCo plays it"
+    assert "headwind" in match.playable_effects()
+    assert "level" not in match.playable_effects(), "it edits the MJCF: only MuJoCo plays it"
     found = match.effect("headwind", 6)
     assert all(row.ok and row.case.startswith("effect headwind, 6 shots") for row in found)
 

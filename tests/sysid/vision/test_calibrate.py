@@ -37,7 +37,7 @@ def test_a_known_focal_length_gives_places_to_a_fraction_of_a_pixel(straight: tu
     assert found.focal_from == "given"
     assert found.doubts == ()
     assert set(found.rails) == set(RAIL_NAMES)
-    assert "bed/cushion" in found.edge
+    assert "between bed and cushion" in found.edge
     assert rms(errors(camera, found)) < 0.6, "4 mm are a pixel"
     assert found.camera.eye[2] == pytest.approx(camera.eye[2], abs=0.01)
     assert found.camera.residual_m < 2e-3
@@ -69,7 +69,7 @@ def test_a_tilted_view_tells_the_focal_length() -> None:
     apart = dataclasses.replace(found, apart_sd=0.02)  # as where something else than the sides tells the focal length
     known = calibration_report.place_sd(apart)
     assert known[0] > found.spread[0] and known[1] > found.spread[1]
-    assert dict(calibration_report.rows(apart))["places of balls"].startswith(f"sd {1e3 * known[0]:.2f} mm rms")
+    assert dict(calibration_report.rows(apart))["ball positions"].startswith(f"sd {1e3 * known[0]:.2f} mm rms")
     assert calibration_report.to_json(apart)["place_sd_m"] == {"rms": known[0], "worst": known[1]}
 
 
@@ -102,7 +102,7 @@ def test_weak_cushions_projected_lines_balls_and_a_hand(monkeypatch: pytest.Monk
     cv2.fillPoly(picture, [np.array([[300, 0], [340, 150], [380, 140], [360, 0]])], (120, 150, 210))
     found = calibrated(camera, picture, fov=fov(camera))
     assert found.doubts == ()
-    assert "bed/cushion" in found.edge
+    assert "between bed and cushion" in found.edge
     assert rms(errors(camera, found)) < 1.0
 
 
@@ -166,7 +166,7 @@ def test_corners_by_hand(straight: tuple[Camera, Picture]) -> None:
     assert not found.edges
     assert np.isnan(found.spread).all()
     assert rms(errors(flat, found)) < 0.1
-    assert "only as good as" in found.doubts[0], "nothing tells how good they are"
+    assert "only as accurate as" in found.doubts[0], "nothing tells how good they are"
     wrong = calibrated(flat, nothing, fov=fov(camera), corners=corners + np.array([[80.0, 0], [0, 0], [0, 60], [0, 0]]))
     assert "the corners given miss" in wrong.doubts[0]
 
@@ -217,7 +217,7 @@ def test_a_board_tells_the_lens(board: list[Picture]) -> None:
     found = calibrated(camera, taken(camera), lens=lens)
     assert found.focal_from == "board"
     assert rms(errors(camera, found)) < 1.5, "6.5 mm are a pixel"
-    with pytest.raises(BadInput, match="film both alike"):
+    with pytest.raises(BadInput, match="use one size"):
         calibrate(np.zeros((100, 100, 3), np.uint8), camera.table, DIAMETER, CameraHints(lens=lens))
 
 

@@ -106,7 +106,7 @@ def test_a_table_that_is_elsewhere_is_refused() -> None:
 
 
 def refused(picture: Picture) -> None:
-    with pytest.raises(BadInput, match="elsewhere than its camera's file has it; calibrate it anew"):
+    with pytest.raises(BadInput, match="elsewhere than the camera file says; calibrate the camera again"):
         standing(calibrated(), [picture])
 
 
@@ -165,7 +165,7 @@ def test_a_shot_during_which_the_camera_is_bumped_is_left_out_with_its_reason(tm
     assert result.shots == ()
     said = " ".join(result.left_out)
     assert "the camera stands 1" in said
-    assert "mm elsewhere than in most of the film" in said
+    assert "mm from its place in most of the film" in said
 
 
 @pytest.mark.slow

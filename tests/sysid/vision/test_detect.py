@@ -176,7 +176,7 @@ def test_changing_light_is_allowed_for(tmp_path: Path) -> None:
     detector = learnt(tmp_path / "f", camera, pictures)
     off, _ = errors(detector, camera, pictures, THREE, places)
     assert rms(off) < 0.08
-    assert any("light changes" in line for line in detector.notes)
+    assert any("brightness varies" in line for line in detector.notes)
 
 
 @pytest.mark.slow

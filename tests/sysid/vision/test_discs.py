@@ -228,7 +228,7 @@ def test_doubled_and_missing_frames_are_told(shot: Shot, tmp_path: Path) -> None
     changed = [*pictures[:24], pictures[23], *pictures[24:32], *pictures[34:]]
     found = track(footage_of(tmp_path / "changed", changed), CAMERA, detector, {"white": 1, "red": 15})
     said = " ".join(found.notes)
-    assert "frame 24 shows the same picture as before: left out" in said
+    assert "frame 24 shows the same picture as the frame before: left out" in said
     assert "before frame 33 2 missing" in said
     path = next(t for t in found.scene.tracks if t.name == "white")
     assert 24 not in path.frame

@@ -14,9 +14,9 @@ from models.shot import Array, Table
 from sysid.vision.balls.cover import not_table
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import new_discs
-from sysid.vision.balls.faces import are_patterned
+from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.names import SURE, name_faces
+from sysid.vision.balls.names import SURE, name_faces, names_by_faces
 from sysid.vision.balls.palette import default_palette, palette_for, pool_palette, read_palette
 from sysid.vision.frames import Picture
 from sysid.vision.tracks.track import track
@@ -24,7 +24,7 @@ from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film
 from tests.footage.motion import Motion
 from tests.footage.webcam import Webcam, webcam
-from tests.support.drawn_balls import footage_of
+from tests.support.drawn_balls import footage_of, shown
 
 TABLE, DIAMETER = Table(1.2, 0.65), 0.05715
 CAMERA = overhead(TABLE, DIAMETER, (640, 380), 1.5, 1.36, (0.02, -0.02))
@@ -149,6 +149,24 @@ def test_a_cue_ball_with_dots_is_known_from_stripes_that_lie_on_their_colour() -
     alone = name_faces([[np.tile(pool_palette().colours[0] * 0.97, (300, 1))]] * 2, pool_palette())
     assert min(alone.odds) < SURE
     assert any("white" in doubt for doubt in alone.doubts)
+
+
+def test_a_lone_white_ball_with_dark_marks_is_white(tmp_path: Path) -> None:
+    """A dark ball in a bright light would vary as much; but then the picture would be the brighter one."""
+    ways = ((0, 0, 1), (1, 0, 0), (0, 1, 0.2), (-1, 0.3, 0.4), (0, -1, 0.5), (0.1, 0.2, -1))
+    marks = [Spot(way, 0.45) for way in ways]
+    look = Look(noise=4.0, light=(1.2, 0.5, 1.0), spots={"white": marks}, colours={"white": WHITE})
+    places = np.random.default_rng(2).uniform(-1, 1, (8, 1, 2)) * [0.5, 0.25]
+    pictures = shown(CAMERA, ("white",), places, look)
+    detector = learn_detector(CAMERA, footage_of(tmp_path / "lone", pictures), pool_palette())
+    assert detector.palette is not None, "it is taken to have several colours"
+    views = [detector.background.view(picture) for picture in pictures]
+    faces = [
+        face(detector.background, view, one.xy, one.radius) for view in views for one in detector.find(view.picture)
+    ]
+    found, naming = names_by_faces({"ball": faces}, pool_palette(), detector.background.bed_colour)
+    assert len(faces) == len(pictures) and found == {"ball": "white"}
+    assert naming.odds[0] > SURE and not naming.doubts
 
 
 def test_balls_of_one_colour_are_known_from_others() -> None:

@@ -167,7 +167,7 @@ def test_strewn_cards_agree_by_chance_at_most_and_are_refused_then() -> None:
 def test_too_few_markers_are_said_and_not_used() -> None:
     assert view_of(projected(CARDS[:3])) is None
     notes, doubts = marker_notes(CAMERA, projected(CARDS[:3]), None, 4)
-    assert "3 markers are seen, too few" in notes[0] and doubts == []
+    assert "3 markers seen, too few" in notes[0] and doubts == []
     assert marker_notes(CAMERA, projected(CARDS[:1]), None, 4) == ([], [])
 
 
@@ -239,7 +239,7 @@ def test_markers_without_any_nose_are_not_trusted() -> None:
         picture[mask > 0] = filmed(CARDS)[mask > 0]
     found = calibrate(picture, CAMERA.table, CAMERA.diameter, CameraHints())
     assert found.edge == BY_MARKERS
-    assert any("only as good as" in doubt for doubt in found.doubts)
+    assert any("only as accurate as" in doubt for doubt in found.doubts)
     assert place_error(found.camera) < 6e-3
 
 

@@ -81,7 +81,7 @@ def test_the_sides_in_view_are_named_where_the_picture_cuts_one_off(
 def test_a_view_from_aside_is_said_to_be_one() -> None:
     seen = seen_table(from_aside(), Table(2.0, 1.0), DIAMETER)
     assert len(seen.sides) == len(seen.corners) == 4
-    assert "a view from aside" in seen.lines()[-1] and "film from higher up" in seen.lines()[-1]
+    assert "an oblique view" in seen.lines()[-1] and "film from higher up" in seen.lines()[-1]
     above = seen_table(taken(over_table()), Table(2.0, 1.0), DIAMETER)
     assert not any("aside" in line for line in above.lines())
 

@@ -50,7 +50,7 @@ def test_uneven_times_are_told_by_the_steps_of_all_balls() -> None:
     assert len(wrong) <= 0.05 * len(told)
     found = set_right(TimedTracks(tracks, frames_of(stamps), stamps), np.zeros(len(stamps), bool), CAMERA)
     times = found.times
-    assert any("picks from 60 a second" in text for text in found.notes)
+    assert any("picked from 60 a second" in text for text in found.notes)
     moving = slice(18, 60)
     before, after = (np.diff(t[moving]) - np.diff(true[moving]) for t in (stamps, times))
     assert np.std(after) < 0.5 * np.std(before)

@@ -49,7 +49,7 @@ def test_a_film_converted_to_a_lower_rate(interval: int) -> None:
     found = timed(shown, RATE * interval / (interval + 1))
     assert found.rate == pytest.approx(RATE)
     assert worst_time(found, shown) < 0.02 / RATE
-    assert found.notes[0].startswith(f"one of {interval + 1} pictures is missing, as of 60 a second, stored as")
+    assert found.notes[0].startswith(f"one of {interval + 1} pictures is missing, as of 60 frames/s stored as")
 
 
 def test_pictures_lost_before_a_conversion_are_found_as_well() -> None:
@@ -68,7 +68,7 @@ def test_a_recorder_that_stores_pictures_of_a_slower_camera_twice(stored_rate: f
     found = timed(shown, stored_rate)
     assert found.rate == pytest.approx(RATE, rel=0.01)
     assert worst_time(found, shown) < 0.15 / RATE
-    assert "were taken at an even" in found.notes[1]
+    assert "were taken at a constant" in found.notes[1]
 
 
 def test_irregular_gaps_are_no_conversion() -> None:

@@ -37,7 +37,7 @@ def test_parts_are_what_they_say() -> None:
     scale = CAMERA.radius / float(CAMERA.radius_px(np.array([[0.0, 0.2]]))[0])
     assert found.centre == pytest.approx(CENTRE_ERROR_PX * scale, rel=0.02)
     assert found.rms == pytest.approx(math.hypot(found.noise, found.camera, found.centre, found.readout))
-    assert found.text().startswith(f"places within {1e3 * found.rms:.2f} mm rms: unknown readout")
+    assert found.text().startswith(f"positions within {1e3 * found.rms:.2f} mm rms: unknown readout")
 
 
 def test_an_unknown_readout_counts_by_speed_and_by_distance_from_the_middle_row() -> None:

@@ -55,8 +55,8 @@ def test_a_film_that_begins_in_mid_motion(tmp_path: Path, capsys: pytest.Capture
     words = ["track", str(late), "--camera", str(camera), "--out", str(tmp_path / "out")]
     assert main([*words, "--sheet", str(sheet), "--json", str(tmp_path / "told.json")]) == 0
     said = capsys.readouterr().out
-    assert "in mid-motion from frame" in said
-    assert "on its way when the video begins" in said
+    assert "in mid-motion at frame" in said
+    assert "already moving when the video begins" in said
     assert sheet.stat().st_size > 10_000
     clips = read_clip_set(tmp_path / "out").clips
     told = json.loads((tmp_path / "told.json").read_text())["clips"]

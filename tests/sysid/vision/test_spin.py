@@ -193,7 +193,7 @@ def test_a_turn_unseen_for_long_is_not_made_up() -> None:
     assert np.isfinite(seen.theta[times < 0.3]).all()
     assert np.isnan(seen.theta[times > 0.3]).all()
     np.testing.assert_allclose(seen.spin[times > 0.71, 2], 20, atol=3)
-    assert any("one piece" in t for t in seen.notes)
+    assert any("the longest span" in t for t in seen.notes)
 
 
 def test_half_a_turn_a_frame_is_the_limit_that_is_told() -> None:

@@ -87,7 +87,7 @@ def test_the_sides_of_the_cloth_end_where_it_does_on_cushions_in_shade() -> None
 def test_a_strip_goes_no_farther_than_the_picture() -> None:
     camera, picture = plain("tiny")
     for rail in range(4):
-        far = table_edges.reach(camera, rail, -0.06, RUBBER, RUBBER + 0.05)
+        far = table_edges.visible_extent(camera, rail, -0.06, RUBBER, RUBBER + 0.05)
         seen = table_edges.strip(picture.astype(np.float32), camera, rail, -0.06, far)
         assert seen is not None
         offsets = [edge.offset for edge in table_edges.edges(seen)]

@@ -72,7 +72,7 @@ def test_the_noise_is_known() -> None:
 def test_noise_that_nothing_shows_is_not_printed_as_a_number() -> None:
     still = tracked_of(Recording().wait(1.0)).noise
     assert still.text() == f"noise {1e3 * still.resting:.3f} mm resting"
-    assert Noise(math.nan, math.nan).text() == "noise not known: too few frames show a ball"
+    assert Noise(math.nan, math.nan).text() == "noise unknown: too few frames show a ball"
 
 
 @pytest.mark.slow
@@ -189,10 +189,10 @@ def test_shots_without_their_beginning_or_end() -> None:
     found = tracked_of(made)
     assert found.left_out == ()
     assert [shot.running for shot in found.shots] == [("white",), (), ()]
-    begins = "in mid-motion from frame 0 on, white moving: white was on its way when the video begins"
+    begins = "begins in mid-motion at frame 0, white moving: white was already moving when the video begins"
     assert found.shots[0].remarks == (begins,)
     assert found.shots[1].remarks == ()
-    assert "cut off by the end of the video" in found.shots[2].remarks
+    assert "ends with the video" in found.shots[2].remarks
     clips = clip_set(found, CAMERA, BALL.mass, FPS).clips
     assert [clip.running for clip in clips] == [("white",), (), ()]
     assert clips[0].note == f"running clip 1 at 0.00 s; 3 balls; {begins}"
@@ -251,7 +251,7 @@ def test_a_ball_that_a_hand_moves_when_the_video_begins_is_left_out() -> None:
     found = tracked_of(made)
     assert [shot.running for shot in found.shots] == [()]
     (line,) = found.left_out
-    assert "red was on its way when the video begins; red gains speed, as if moved by hand" in line
+    assert "red was already moving when the video begins; red gains speed, as if moved by hand" in line
 
 
 def test_too_little_motion_at_the_beginning_is_left_out() -> None:
@@ -343,7 +343,7 @@ def test_a_moving_ball_that_no_frame_of_a_clip_shows_makes_none() -> None:
     scene = tracked_of(Recording().wait(0.5).shot((0.8, 0.2), seconds=0.5)).scene
     seen, why = balls_there(scene, ("white",), 20, 19, [])
     assert seen is None
-    assert why == "white is not seen in it"
+    assert why == "white is not seen in the clip"
 
 
 def test_the_speed_of_a_ball_that_is_stopped_at_once_is_that_before() -> None:

@@ -98,8 +98,8 @@ def test_what_cannot_be_used_is_refused_before_the_work(tmp_path: File) -> None:
     (tmp_path / "set" / "other.txt").write_text("mine")
     begin = ("v.mkv", "--camera", "c.toml", "--out")
     for given, words in (
-        ((*begin, str(tmp_path / "set")), "is there already"),
-        ((*begin, str(tmp_path / "set"), "--force"), "holds something else"),
+        ((*begin, str(tmp_path / "set")), "already exists"),
+        ((*begin, str(tmp_path / "set"), "--force"), "is not a clip set"),
         ((*begin, str(tmp_path / "new"), "--mass", "-1"), "--mass -1"),
         ((*begin, str(tmp_path / "new"), "--json", str(tmp_path / "no" / "f.json")), "folder does not exist"),
         ((*begin, str(tmp_path / "new"), "--preview", str(tmp_path / "set" / "other.txt")), "is a file"),

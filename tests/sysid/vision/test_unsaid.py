@@ -47,4 +47,4 @@ def test_motion_after_a_jump_is_a_running_clip() -> None:
     found = tracked_of(made)
     assert [(shot.struck, shot.running) for shot in found.shots] == [("white", ()), ("white", ("white",))]
     assert found.shots[1].first > found.shots[0].last
-    assert "cut short at frame" in found.shots[1].remarks[0]
+    assert "ends early, at frame" in found.shots[1].remarks[0]
