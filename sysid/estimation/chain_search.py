@@ -213,7 +213,7 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
             gain = score - there
             x, score = np.where(gain[:, None] > 0, other, x), np.minimum(there, score)
             own = np.where(gain > 0, rates, own)
-            log.info("%d of %d shots begin elsewhere", np.count_nonzero(gain[rows] > SAME_LOSS), rows.size)
+            log.info("likelier initial states for %d of %d shots", np.count_nonzero(gain[rows] > SAME_LOSS), rows.size)
             weighted, rows = problem.with_discrepancy(float(np.median(own))), rows[gain[rows] > SAME_LOSS]
     return x
 
