@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from models.messages import counted
 from models.palette import FLOOR_COLOUR, Colour, ink
 from models.recording.clips import LaidClip, Review, ReviewOut, labels_of, lay_out
 from models.recording.file import whole_recording
@@ -156,7 +157,7 @@ def _describe(out: ReviewOut, title: str, filmed: str) -> None:
     last = labels[-1] if labels else ""
     every = {label: _rms(np.concatenate([clip.distances(label) for clip in clips])) for label in labels}
     rms = "; ".join(f"{label}: {size}" for label, size in every.items()) if len(labels) > 1 else every.get(last, "")
-    head = f"# {title}\n{len(clips)} clip{'s' * (len(clips) > 1)}, rms position error over all: {rms or 'not known'}\n"
+    head = f"# {title}\n{counted(len(clips), 'clip')}, rms position error over all: {rms or 'not known'}\n"
     head += f"\nFilm: {filmed}\n" if filmed else ""
     table = ["", _row("from", "clip", *([f"rms error, {x}" for x in labels] or ["rms error"]), "note")]
     table.append("|---" * (3 + max(1, len(labels))) + "|")

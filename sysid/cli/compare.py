@@ -11,6 +11,7 @@ import click
 from models.command_line import effects_option, gathered, json_option, out_option, scheduler_option
 from models.console import Progress, Status, print_constants, table, write_json
 from models.errors import BadInput
+from models.messages import counted
 from sysid.cli.common import Outputs, Start, clips_argument, spread_over_cluster
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def check(clips: Path, json_file: Path | None) -> int:
         lines = {"faults": faults, "warnings": list(found.warnings), "notes": notes}
         write_json(json_file, {"clips": str(clips), **lines})
     if found.clip_set is None:
-        print(f"{len(faults)} fault{'s' if len(faults) > 1 else ''}")
+        print(counted(len(faults), "fault"))
         return Status.BAD_INPUT
     clip_set = found.clip_set
     samples = sum(len(o.time) for c in clip_set.clips for o in c.balls.values())

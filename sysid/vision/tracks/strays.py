@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.messages import counted
 from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 
@@ -19,5 +20,5 @@ def without_strays(scene: TrackedScene, track: BallTrack, notes: list[str]) -> B
     track = track.without(inaccurate) if inaccurate.any() else track
     _, stray = scene.read(track)
     if count := int(inaccurate.sum() + stray.sum()):
-        notes.append(f"{track.name}: {count} detection{'s' * (count > 1)} too inaccurate or outlying: not used")
+        notes.append(f"{track.name}: {counted(count, 'detection')} too inaccurate or outlying: not used")
     return track.without(stray)
