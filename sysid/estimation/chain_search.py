@@ -191,9 +191,9 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
     """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
     Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py): again
-    as long as that leads elsewhere, with what it has shown of the model's error, then with more effort. Where this is
-    more work than a search of all shots, or than the second effort for all long ones, it is for those that stand out.
-    Each shot keeps its most likely state.
+    as long as that finds a likelier state, with what it has shown of the model's error, then with more effort. Where an
+    effort is more work than one search of all shots, three where these are long, only those that stand out are searched
+    with it, or none if they are too many. Each shot keeps its most likely state.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS

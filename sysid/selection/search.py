@@ -89,12 +89,13 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
         return _added(view, view, view, seen, formula, threshold)
     less = view.continued()
     if first.name not in seen.named and first.log_odds > threshold.least:
-        free = view.with_effect(seen.unnamed(first)).renewed().searched()
+        unnamed = seen.unnamed(first)
+        free = view.with_effect(unnamed).renewed().searched()
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named)
-        known = unknowns_of(seen.unnamed(first).candidate, free.names)
-        found = _added(view, start, less.beside(start), there, formula, threshold, (free, known))
+        rival = free, unknowns_of(unnamed.candidate, free.names)
+        found = _added(view, start, less.beside(start), there, formula, threshold, rival)
         if found.view is not view:
             return found
     return _added(view, view, less, seen, formula, threshold)
@@ -107,7 +108,7 @@ def _added(
     """Add the likeliest of the scored causes.
 
     Scores predict badly where a shot is far from linear. If an unknown function is clearly likelier than the best
-    effect that they lead to, all effects are therefore tried for a few steps, and the best is fitted as well.
+    effect that they lead to, the effect that promises most of all others is fitted as well (`FitView.tried`).
 
     Args:
         view: the fit that lacks it.
