@@ -114,11 +114,12 @@ def _read_effects(file: Path) -> tuple[bytes, tuple[type[Effect], ...]]:
     except (Exception, SystemExit) as error:
         line = getattr(error, "lineno", None) if isinstance(error, SyntaxError) else None
         for frame, number in traceback.walk_tb(error.__traceback__):
-            line = number if line is None or frame.f_code.co_filename == str(file) else line
+            line = number if frame.f_code.co_filename == str(file) else line
         if before is None:
             del sys.modules[name]
         said = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
-        raise BadInput(f"{file} line {line}: {type(error).__name__}: {said}; correct it, or move the file") from error
+        where = f"{file} line {line}" if line else f"{file}"
+        raise BadInput(f"{where}: {type(error).__name__}: {said}; correct it, or move the file") from error
     if fault:
         raise BadInput(f"{file}: {fault}")
     return text, kinds
