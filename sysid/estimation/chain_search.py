@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from models.engine.play import lacking
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import settled_states
-from sysid.estimation.initial_states import fit_states, shot_scores, within_noise
+from sysid.estimation.initial_states import fit_states, own_scores, within_noise
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.residual_rows import MOTION_SIZE
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
@@ -27,7 +27,9 @@ from sysid.estimation.solver.least_squares import Objective, Prior, fit_each, lo
 from sysid.estimation.state_search import SEARCH_EFFORTS, searched_states, standing_out
 from sysid.estimation.windows import columns, shot_states, windows_of
 
-MAX_SEARCHES = 3  # searches of the states of all windows, at most
+MAX_SEARCHES = 3  # searches of the states of all windows, at most,
+MAX_WHOLE_SEARCHES = 8  # and of whole shots: a state that every other search misses is then missed in one of 256
+TOLERANCES = (1.0, 0.5, 0.25)  # of these searches in turn, over the model's usual discrepancy
 SAME_LOSS = 1.0  # difference of a shot's loss within which two searches have found the same states
 DRAWS_PER_CENTRE = 8  # other starts around each of two centres, in windows that are not followed
 SPIN_SD, VELOCITY_SD = 0.5, 0.03  # sd of R omega and of velocity in these, over the speed
@@ -190,31 +192,35 @@ def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
 def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
     """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
-    Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py): again
-    as long as that finds a likelier state, with what it has shown of the model's error, then with more effort. Where an
-    effort is more work than one search of all shots, three where these are long, only those that stand out are searched
-    with it, or none if they are too many. Each shot keeps its most likely state.
+    Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py), from
+    other draws and at another tolerance each time: a wide one keeps optima that are wrong early on, a narrow one drops
+    those that the model cannot follow closely. A shot is done when its most likely state has been found as often as it
+    has impacts, each of which adds optima, and at least twice. Then those that stand out are searched with more effort,
+    if that is no more work than one search of all. Each shot keeps its most likely state.
     """
     x = fit_states(
         problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
     )
-    score, own = shot_scores(problem, x, c)
-    most = max(len(x) * (SEARCH_EFFORTS[1] if problem.is_long else 1), SEARCH_EFFORTS[-1])
+    score, own = own_scores(problem, x, c)
+    times, enough = np.ones(len(x)), np.maximum([len(e) for e in problem.events], 2)
     for effort in SEARCH_EFFORTS:
-        weighted, rows = problem.with_discrepancy(float(np.median(own))), np.flatnonzero(own > 0)
-        if rows.size * effort > most:
-            rows = np.intersect1d(rows, standing_out(weighted, x, c))
-        if rows.size * effort > most:
+        todo = np.flatnonzero(own > 0)
+        if effort > 1:
+            todo = np.intersect1d(todo, standing_out(problem.with_discrepancy(float(np.median(own))), x, c))
+        if todo.size * effort > max(len(x), SEARCH_EFFORTS[-1]):
             break
-        while rows.size:
-            other = x.copy()
-            other[rows] = searched_states(weighted.only(rows), c, effort)
-            other, there, rates = _at_own_discrepancy(weighted, other, c)
-            gain = score - there
-            x, score = np.where(gain[:, None] > 0, other, x), np.minimum(there, score)
-            own = np.where(gain > 0, rates, own)
-            log.info("likelier initial states for %d of %d shots", np.count_nonzero(gain[rows] > SAME_LOSS), rows.size)
-            weighted, rows = problem.with_discrepancy(float(np.median(own))), rows[gain[rows] > SAME_LOSS]
+        for seed in range(MAX_WHOLE_SEARCHES):
+            if not todo.size:
+                break
+            usual = min(float(np.median(own)), GROWING_RATE)
+            part = problem.with_discrepancy(usual * TOLERANCES[seed % len(TOLERANCES)]).only(todo)
+            found, there, rates = _at_own_discrepancy(part, searched_states(part, c, effort, seed), c)
+            better, again = there < score[todo], np.abs(there - score[todo]) < SAME_LOSS
+            x[todo] = np.where(better[:, None], found, x[todo])
+            own[todo], score[todo] = np.where(better, rates, own[todo]), np.minimum(there, score[todo])
+            times[todo] = np.where(again, times[todo] + 1, np.where(better, 1, times[todo]))
+            log.info("likelier initial states for %d of %d shots", np.count_nonzero(better & ~again), todo.size)
+            todo = todo[times[todo] < enough[todo]]
     return x
 
 
@@ -239,6 +245,6 @@ def _first_states(chain: Chain, states: Array, problem: ShotProblem) -> Array:
 def _at_own_discrepancy(weighted: ShotProblem, x: Array, c: Array) -> tuple[Array, Array, Array]:
     """Initial states (n, p), each refined at its shot's own discrepancy; negative log likelihoods and rates, (n,)."""
     x = fit_states(weighted, x, c, SETTLING_STEPS)
-    own = weighted.with_own_rates(shot_scores(weighted, x, c)[1])
+    own = weighted.with_own_rates(own_scores(weighted, x, c)[1])
     x = fit_states(own.with_discrepancy(0.0), x, c, SETTLING_STEPS)
-    return x, *shot_scores(weighted, x, c)
+    return x, *own_scores(weighted, x, c)

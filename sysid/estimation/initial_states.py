@@ -50,15 +50,24 @@ def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[
     return np.asarray(loss / np.maximum(count, 1) <= 0.5 + CHANCE_SD * sd)
 
 
-def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
-    """Negative log likelihood of every shot at its most likely discrepancy, and these rates: (n,), (n,).
+def own_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
+    """Negative log likelihood of every shot at its own most likely discrepancy, and these rates: (n,), (n,).
 
-    The rate is 0 for a shot that misses by no more than noise explains.
+    The rate is 0 for a shot that misses by no more than noise explains. States of one shot are compared by it, since it
+    does not depend on the other shots.
     """
-    n = len(x)
-    bare = problem.with_own_rates(np.zeros(n)).with_discrepancy(0.0)
+    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(0.0)
     fits = within_noise(*shot_losses(bare, x, c), problem.correlation_time)
     rates = np.where(fits, 0.0, problem.discrepancy_rates(x, c))
+    return weighed_scores(problem.with_own_rates(rates), x, c, 0.0)[0], rates
+
+
+def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
+    """Negative log likelihood of every shot at its own discrepancy or the median one if larger, and rates: (n,), (n,).
+
+    Models are compared by it, since none follows a shot better than most but by chance.
+    """
+    rates = own_scores(problem, x, c)[1]
     return weighed_scores(problem.with_own_rates(rates), x, c, float(np.median(rates)))[0], rates
 
 

@@ -64,14 +64,14 @@ class Optima:
         return Optima(np.searchsorted(rows, self.shots[mine]), self.states[mine])
 
 
-def searched_states(problem: ShotProblem, c: Array, effort: int = 1) -> Array:
+def searched_states(problem: ShotProblem, c: Array, effort: int = 1, seed: int = 0) -> Array:
     """The initial state of every shot at constants (q,), searched once from event to event: (n, p).
 
-    Samples have the problem's weights; see `ShotProblem.with_discrepancy`.
+    Samples have the problem's weights; see `ShotProblem.with_discrepancy`. Searches with other seeds draw other starts.
     """
     optima = Optima.at(problem.start)
     for stage in range(problem.stages):
-        optima = up_to_event(problem, optima, c, stage, effort)
+        optima = up_to_event(problem, optima, c, stage, effort, seed)
         log.info("%d shots up to event %d of %d", len(problem.clips), stage + 1, problem.stages)
     return best_whole(problem, optima, c)
 
@@ -92,7 +92,7 @@ def standing_out(problem: ShotProblem, x: Array, c: Array) -> Index:
     return np.flatnonzero(~(others | within_noise(loss, count, problem.correlation_time)))
 
 
-def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1) -> Optima:
+def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effort: int = 1, seed: int = 0) -> Optima:
     """Optima up to the event of a stage, from those up to the event before it."""
     rows = np.flatnonzero(problem.horizon_at(stage) > problem.horizon_at(stage - 1))
     if not rows.size:
@@ -100,7 +100,9 @@ def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effo
     seen, before = (problem.until(problem.horizon_at(k)) for k in (stage, max(stage - 1, 0)))
     shots, states = [optima.shots], [optima.states]
     for some in np.split(rows, range(SHOTS_AT_ONCE, rows.size, SHOTS_AT_ONCE)):
-        found = _recorded(seen.only(some).objective(), before.only(some).objective(), optima.only(some), c, effort)
+        found = _recorded(
+            seen.only(some).objective(), before.only(some).objective(), optima.only(some), c, effort, seed
+        )
         shots.append(some[found.shots])
         states.append(found.states)
     stay = ~np.isin(optima.shots, rows)
@@ -110,12 +112,12 @@ def up_to_event(problem: ShotProblem, optima: Optima, c: Array, stage: int, effo
     return Optima(every[order], np.concatenate(states)[order])
 
 
-def _recorded(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int) -> Optima:
+def _recorded(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int, seed: int) -> Optima:
     """`_searched`, from the journal if it has the answer."""
     n, most, p = int(optima.shots[-1]) + 1, effort * MAX_OPTIMA, optima.states.shape[1]
 
     def work() -> tuple[Array, ...]:
-        found = _searched(seen, before, optima, c, effort)
+        found = _searched(seen, before, optima, c, effort, seed)
         rank = np.arange(len(found.shots)) - np.searchsorted(found.shots, found.shots)
         table = np.full((n, most, p), np.nan)
         table[found.shots, rank] = found.states
@@ -125,20 +127,20 @@ def _recorded(seen: Objective, before: Objective, optima: Optima, c: Array, effo
         known = found[0][np.isfinite(found[0]).all(axis=2)]
         return bool(np.isfinite(found[0][:, 0]).all()) and seen.holds(known)
 
-    question = (optima.shots.astype(float), optima.states, c, np.array([seen.cauchy_sd, effort]))
+    question = (optima.shots.astype(float), optima.states, c, np.array([seen.cauchy_sd, effort, seed]))
     (table,) = recorded(work, question, ((n, most, p),), fits)
     known = np.isfinite(table).all(axis=2)
     return Optima(np.nonzero(known)[0], table[known])
 
 
-def _searched(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int) -> Optima:
+def _searched(seen: Objective, before: Objective, optima: Optima, c: Array, effort: int, seed: int) -> Optima:
     """Optima of an objective, from those of the previous one."""
     origin = state_information(before, optima.states, c, optima.shots)
     x, loss = fit_each(seen, optima.states, c, COARSE_STEPS + FINE_STEPS, optima.shots)
     found = _distinct(optima.shots, x, loss, state_information(seen, x, c, optima.shots), effort * MAX_OPTIMA)
     drawing, drawn, count, most = np.unique(optima.shots), 0, effort * FIRST_DRAWS, effort * MAX_OPTIMA
     while drawing.size and drawn < effort * MAX_DRAWS:
-        shots, starts = _draws(optima, origin, drawing, drawn, count)
+        shots, starts = _draws(optima, origin, drawing, drawn, count, seed)
         drawn, count = drawn + count, effort * MORE_DRAWS
         x, loss = fit_each(seen, seen.inside(starts), c, COARSE_STEPS, shots)
         some = _best_share(shots, loss)
@@ -212,13 +214,15 @@ def state_information(objective: Objective, x: Array, c: Array, shots: Index) ->
 
 
 @cache
-def _normal_draws(unknowns: int) -> Array:
+def _normal_draws(unknowns: int, seed: int) -> Array:
     """Evenly spread points of a standard normal distribution, enough for the greatest effort: (m, p)."""
     power = int(np.ceil(np.log2(SEARCH_EFFORTS[-1] * (MAX_DRAWS + MORE_DRAWS))))
-    return np.asarray(ndtri(qmc.Sobol(unknowns, seed=0).random_base2(power)))
+    return np.asarray(ndtri(qmc.Sobol(unknowns, seed=seed).random_base2(power)))
 
 
-def _draws(optima: Optima, information: Array, drawing: Index, first: int, count: int) -> tuple[Index, Array]:
+def _draws(
+    optima: Optima, information: Array, drawing: Index, first: int, count: int, seed: int
+) -> tuple[Index, Array]:
     """Indices of shots, and starts drawn for each from the mixture of Gaussians at its optima."""
     diagonal = np.sqrt(np.einsum("kpp->kp", information))
     scaled = information / (diagonal[:, :, None] * diagonal[:, None, :])
@@ -228,5 +232,5 @@ def _draws(optima: Optima, information: Array, drawing: Index, first: int, count
     size = np.searchsorted(optima.shots, drawing, side="right") - begin
     turn = first + np.arange(count)
     rows = (begin[:, None] + turn % size[:, None]).ravel()
-    normal = np.tile(_normal_draws(optima.states.shape[1])[turn], (drawing.size, 1))
+    normal = np.tile(_normal_draws(optima.states.shape[1], seed)[turn], (drawing.size, 1))
     return np.repeat(drawing, count), optima.states[rows] + np.einsum("kpq,kq->kp", spread[rows], normal)
