@@ -63,6 +63,7 @@ class RankedStroke:
     route: Route
     evaluation: Evaluation
     engines: dict[str, Any]  # shots made over the same plays in either engine, and the tip's deviation
+    mujoco_gain: float = 0.0  # expected utility in MuJoCo minus that in the event engine, over these plays
 
 
 def search(
@@ -97,7 +98,9 @@ def search(
     final, engines, shift = in_both_engines(player, fresh, q[order], weights, effort.checked)
     ranking = sorted(range(len(order)), key=lambda k: -(final[k].value + shift[k]))
     offered = [
-        RankedStroke(_played_route(player, routes, int(route[order[k]]), final[k]), final[k], engines[k])
+        RankedStroke(
+            _played_route(player, routes, int(route[order[k]]), final[k]), final[k], engines[k], float(shift[k])
+        )
         for k in ranking
         if final[k].made >= MIN_MADE_PROBABILITY
     ]
