@@ -101,7 +101,7 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
             )
         elif only_edge and found_focal and wider.total_sd["margin"] > 0.01:
             messages.append(
-                "the only edge seen may be the outer edge of the cushions: calibrate with --fov or --corners"
+                "the only edge seen may be the outer one of the cushions: calibrate with --fov or --corners"
             )
     place_sd = uncertainty(lines)[1]
     if place_sd > MAX_PLACE_SD_M:
