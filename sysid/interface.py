@@ -20,6 +20,7 @@ from models.errors import BadInput
 from models.files import made_folder
 from models.files.faults import listed
 from models.interface import HasModel, model_of
+from models.messages import counted
 from models.mjcf.export import places_of
 from models.model_file import Model, full_model, write_model
 from models.report.numbers import millimetres, number
@@ -65,7 +66,7 @@ class ComparedClips(Presented, Comparison):
 
     def report(self, path: Path | str, label: str = "this model") -> None:
         """Write the report, one HTML file; BadInput if it cannot be written."""
-        title = f"Model against {len(self.clips)} clips"
+        title = f"Model against {counted(len(self.clips), 'clip')}"
         write_report(path, title, [(label, self)], notes=in_words(self))
 
     def sample_frame(self) -> Any:

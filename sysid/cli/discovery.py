@@ -12,6 +12,7 @@ import click
 from models.command_line import effects_option, gathered, json_option, out_folder_option, scheduler_option
 from models.console import Progress, Status, as_called, print_constants, table, write_json
 from models.files import alone_in, result_folder
+from models.messages import counted
 from sysid.cli.common import Start, report_option, spread_over_cluster
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def diagnose(
     progress.close()
     seen = judged.screening
     held_out = len(parts.held_out.clips) if parts.held_out else 0
-    print(f"{len(clip_set.clips)} clips, {held_out} of them held out; {noise_line(parts.noise)}")
+    print(f"{counted(len(clip_set.clips), 'clip')}, {held_out} of them held out; {noise_line(parts.noise)}")
     if seen.windows:
         print(f"not every whole shot is followed: candidates are scored on {seen.windows} windows of one impact each")
     print(f"base: miss {seen.base.miss * 1e3:.3f} mm, held out {seen.base.held_miss * 1e3:.3f} mm\n")

@@ -25,13 +25,16 @@ NOTHING_MISSING = "none: nothing is likelier than that the model lacks nothing"
 
 
 def round_rows(seen: Screening) -> list[tuple[str, ...]]:
-    """A round as a table."""
-    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "miss mm", "held out mm", "")]
-    for trial in seen.fits:
+    """A round as a table, heads first; with misses where shots were fitted whole, and not windows of them."""
+    misses = [_misses_mm(trial.fitted) for trial in seen.fits]
+    heads = ("miss mm", "held out mm") if any(map(any, misses)) else ()
+    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", *heads, "")]
+    for trial, known in zip(seen.fits, misses, strict=True):
         state = "fitted" if trial.converged else "NOT converged: no verdict from it"
-        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", *_misses_mm(trial.fitted), state))
+        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", *known[: len(heads)], state))
     for row in unfitted(seen)[: MAX_LISTED - len(seen.fits)]:
-        rows.append((row.candidate.name, f"{predicted_delta_bic(seen, row):.0f}", "", "", "predicted, not fitted"))
+        predicted = f"{predicted_delta_bic(seen, row):.0f}"
+        rows.append((row.candidate.name, predicted, *("",) * len(heads), "predicted, not fitted"))
     return rows
 
 

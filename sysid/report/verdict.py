@@ -170,7 +170,15 @@ def _next_step(found: DiscoveryResult) -> str:
         if all(term["door"] in IMAGE_QUANTITIES for term in found.unexplained["terms"]):
             return f"calibrate the camera again, as what is left is in its picture and not on the table; or {add}"
         return add
-    shot = found.next_shot
+    shot, remedies = found.next_shot, _remedies(found)
+    at_table = f"{' and '.join(remedies)}, then film again" if remedies else ""
     if shot is not None:
-        return f"film this shot ({shot.why}): {shot.in_words()}"
-    return "plan shots with this model; film more clips to find what these do not show"
+        before = f"{at_table}; before that, " if at_table else ""
+        return f"{before}film this shot ({shot.why}): {shot.in_words()}"
+    return at_table or "plan shots with this model; film more clips to find what these do not show"
+
+
+def _remedies(found: DiscoveryResult) -> list[str]:
+    """What to do at the table against the effects that are certain."""
+    certain = [f"{name}." for name in found.verdict if _how_sure(found, name) == "certain"]
+    return [line.remedy for line in health(found.model) if line.remedy and line.constant.startswith(tuple(certain))]

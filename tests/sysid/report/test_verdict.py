@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,7 @@ from models.effects.cloth.table_tilt import TableTilt
 from models.model_file import Estimate, full_model
 from models.shot import Ball, Table
 from sysid.clips import CueCommand
-from sysid.report.findings import unexplained_lines
+from sysid.report.findings import round_rows, unexplained_lines
 from sysid.report.verdict import verdict_of
 from sysid.selection.next_shot import NextShot
 from sysid.selection.stability import Stability
@@ -53,7 +54,22 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert certainty == f"certainty: {told}"
     balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
     stroke = "strike the cue ball in the middle, to 2.00 m/s, azimuth 0.500 rad (28.6 degrees)"
-    assert step == f"next: film this shot (to separate table_tilt from cloth_nap): {balls}; {stroke}"
+    remedy = "raise the +x end by 2.5 mm, then film again; before that, "
+    assert step == f"next: {remedy}film this shot (to separate table_tilt from cloth_nap): {balls}; {stroke}"
+    assert verdict_of(found("table_tilt")).next_step == "raise the +x end by 2.5 mm, then film again"
+
+
+def test_a_round_has_columns_of_misses_only_where_shots_were_fitted_whole() -> None:
+    def heads(miss: float) -> tuple[str, ...]:
+        fitted, evidence = SimpleNamespace(miss=miss, held_miss=miss), SimpleNamespace(delta_bic=9.0)
+        fit = SimpleNamespace(name="table_tilt", converged=True, evidence=evidence, fitted=fitted)
+        seen: Any = SimpleNamespace(fits=[fit], scores=SimpleNamespace(rows=[]))
+        first, row = round_rows(seen)
+        assert len(first) == len(row)
+        return first
+
+    assert heads(0.001) == ("candidate", "delta BIC", "miss mm", "held out mm", "")
+    assert heads(math.nan) == ("candidate", "delta BIC", "")
 
 
 def test_nothing_missing_is_said_plainly() -> None:
