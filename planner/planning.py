@@ -145,7 +145,7 @@ def _head(
     }  # fmt: skip
     return {
         "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene), "model": about,
-        "execution": asdict(execution), "wish": asdict(weights),
+        "execution": asdict(execution), "weights": asdict(weights),
     }  # fmt: skip
 
 

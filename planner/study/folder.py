@@ -37,7 +37,7 @@ def describe(study: Study) -> dict[str, Any]:
     """The common settings of a folder's scenes, as plain values."""
     return {
         "format": STUDY_FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
-        "execution": asdict(study.execution), "wish": asdict(study.weights), "effort": asdict(study.effort),
+        "execution": asdict(study.execution), "weights": asdict(study.weights), "effort": asdict(study.effort),
         "model": hashlib.sha256(repr(vars(study.model)).encode()).hexdigest()[:16], "sources": fingerprint(),
     }  # fmt: skip
 
