@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from models.console import Progress
 from models.errors import BadInput
 from models.files import made_folder
-from models.files.faults import listed
+from models.files.faults import listed, shown
 from models.interface import HasModel, model_of
 from models.messages import counted
 from models.mjcf.export import places_of
@@ -261,5 +261,8 @@ def export(
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:
     """The given model, or the base for this table; announces and does any compilation first."""
+    if not isinstance(clips, ClipSet):
+        raise BadInput(f"clips is {shown(clips)}: give a clip set, such as sysid.read_clips(FOLDER)")
+    start = full_model(clips.table, clips.ball) if model is None else model_of(model)
     prepare()
-    return full_model(clips.table, clips.ball) if model is None else model_of(model)
+    return start
