@@ -217,6 +217,12 @@ def noise_line(noise: float) -> str:
     )
 
 
+def miss_line(name: str, fitted: FittedModel) -> str:
+    """The misses of a model in words; of clips held out only where there are some."""
+    used, held_out = _misses_mm(fitted)
+    return f"{name}: miss {used} mm" + (f", held out {held_out} mm" if held_out else "")
+
+
 def _misses_mm(fitted: FittedModel) -> tuple[str, str]:
     """Rms miss of the clips used and of those held out [mm]; empty without any."""
     used, held_out = (f"{1e3 * miss:.3f}" if np.isfinite(miss) else "" for miss in (fitted.miss, fitted.held_miss))

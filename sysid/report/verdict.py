@@ -126,12 +126,12 @@ def _size(found: DiscoveryResult) -> str:
     """The rms miss before and after, and what the noise leaves."""
     first, last = found.ladder[0], found.explained or found.last
     floor = f"noise alone leaves {millimetres(MISS_OVER_AXIS * found.parts.noise)}"
+    held = math.isfinite(last.held_miss)
     if last is first:
-        return f"the rms miss is {millimetres(first.miss)} (held out {millimetres(first.held_miss)}); {floor}"
-    return (
-        f"the rms miss falls from {millimetres(first.miss)} to {millimetres(last.miss)} "
-        f"(held out {millimetres(first.held_miss)} to {millimetres(last.held_miss)}); {floor}"
-    )
+        beside = f" (held out {millimetres(first.held_miss)})" if held else ""
+        return f"the rms miss is {millimetres(first.miss)}{beside}; {floor}"
+    beside = f" (held out {millimetres(first.held_miss)} to {millimetres(last.held_miss)})" if held else ""
+    return f"the rms miss falls from {millimetres(first.miss)} to {millimetres(last.miss)}{beside}; {floor}"
 
 
 def _certainty(found: DiscoveryResult) -> str:

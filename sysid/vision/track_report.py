@@ -98,7 +98,8 @@ def lines(result: Tracked, remarks: Sequence[str], seen: Sequence[Details]) -> l
     """The remarks, the noise, a table of the clips, what was left out, cues and marks."""
     noise = result.noise
     found, balls = len(result.scene.frames), counted(len(result.scene.tracks), "ball")
-    text = [*remarks, f"{balls} tracked over {counted(found, 'frame')}, at {result.rate:.0f} frames/s", noise.text()]
+    frames = f"{counted(found, 'frame')}, {counted(round(result.rate), 'frame')} processed a second"
+    text = [*remarks, f"{balls} tracked over {frames}", noise.text()]
     each = ", ".join(f"{name} {1e3 * sd:.3f} mm" for name, sd in noise.balls.items())
     if each:
         text.append(f"of each moving ball: {each}")

@@ -13,7 +13,7 @@ from models.effects.cloth.table_tilt import TableTilt
 from models.model_file import Estimate, full_model
 from models.shot import Ball, Table
 from sysid.clips import CueCommand
-from sysid.report.findings import round_rows, unexplained_lines
+from sysid.report.findings import miss_line, round_rows, unexplained_lines
 from sysid.report.verdict import verdict_of
 from sysid.selection.next_shot import NextShot
 from sysid.selection.stability import Stability
@@ -78,6 +78,18 @@ def test_nothing_missing_is_said_plainly() -> None:
     assert said.missing == "nothing that these clips show; the model suffices"
     assert said.size == "the rms miss is 10.0 mm (held out 11.0 mm); noise alone leaves 0.707 mm"
     assert "nothing is likelier than that the model lacks nothing" in said.certainty
+    for effects, size in (
+        ((), "the rms miss is 10.0 mm"),
+        (("table_tilt",), "the rms miss falls from 10.0 mm to 0.500 mm"),
+    ):
+        seen = found(*effects, held=0)
+        for one in (seen.last, *seen.ladder):
+            one.held_miss = math.nan
+        assert verdict_of(seen).size == f"{size}; noise alone leaves 0.707 mm", "none is held out"
+    one = seen.last
+    assert miss_line("base", one) == "base: miss 0.500 mm"
+    one.held_miss = 0.001
+    assert miss_line("base", one) == "base: miss 0.500 mm, held out 1.000 mm"
     assert said.next_step.startswith("plan shots")
 
 
