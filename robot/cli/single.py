@@ -26,7 +26,9 @@ HOLDER_ANSWERS_S = 2.0  # longest time that the port's holder may take to ask th
 @click.option("--baud", metavar="B", type=int, default=19200, show_default=True, help="Speed of the line [bit/s].")
 @click.option("--pace", metavar="X", type=float, default=1.0, show_default=True, help="Mechanics over real time.")
 @click.option("--fault-rate", metavar="R", type=Number(0, 1), default=0.0, help="Share of lines with a fault, 0 to 1.")
-@click.option("--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="Its protocol.")
+@click.option(
+    "--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="Protocol of the launcher."
+)
 @seed_option()
 def emulate(path: str | None, baud: int, pace: float, fault_rate: float, protocol: str, seed: int) -> int:
     """Emulate a launcher on a pseudo-terminal, until interrupted.

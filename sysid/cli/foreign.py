@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sysid.foreign.pixels import Pixels
     from sysid.vision import Camera
 
-Y_HELP = "up where x, y and up are right-handed (of pixels: from the last row upwards), down as in pictures."
+Y_HELP = "up: right-handed, seen from above (pixels: counted from the last row); down: as in pictures."
 TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
 
 
