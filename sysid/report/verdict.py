@@ -59,6 +59,8 @@ def _headline(found: DiscoveryResult) -> str:
         parts.append(f"Something that no known effect explains: {_located(found.unexplained)}")
         if left := found.unexplained.get("left"):
             parts.append(f"It leaves an error: {_located(left)}")
+        if found.parts.held_out is None:
+            parts.append("This is a hint: no clip is held out to test it, so film more shots")
     headline = ". ".join(parts) or "These clips show nothing that the model lacks"
     return headline if found.converged else f"{headline}. The fit did NOT converge: this is a hint"
 
@@ -131,7 +133,8 @@ def _size(found: DiscoveryResult) -> str:
         beside = f" (held out {millimetres(first.held_miss)})" if held else ""
         return f"the rms miss is {millimetres(first.miss)}{beside}; {floor}"
     beside = f" (held out {millimetres(first.held_miss)} to {millimetres(last.held_miss)})" if held else ""
-    return f"the rms miss falls from {millimetres(first.miss)} to {millimetres(last.miss)}{beside}; {floor}"
+    goes = "falls" if last.miss < first.miss else "rises"
+    return f"the rms miss {goes} from {millimetres(first.miss)} to {millimetres(last.miss)}{beside}; {floor}"
 
 
 def _certainty(found: DiscoveryResult) -> str:

@@ -313,7 +313,7 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
             for t, g in zip(found.terms, found.improvements, strict=True)
         ],
         "curves": [_curve(group, value_of, sd_of) for group in found.groups if group[0].kind == kinds.HAT],
-        "alike": [word for words in found.alike for word in words],
+        "alike": list(dict.fromkeys(word for words in found.alike for word in words)),
         **place,
     }  # fmt: skip
 

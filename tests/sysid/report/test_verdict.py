@@ -107,6 +107,15 @@ def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
     assert both.missing.endswith("rad), and beside it something outside the catalogue: rolling on the cloth")
 
 
+def test_what_is_outside_the_catalogue_is_a_hint_where_no_clip_tests_it() -> None:
+    explained = SimpleNamespace(miss=0.0107, held_miss=math.nan)
+    said = verdict_of(found(unexplained=FORMULA, explained=explained, held=0))
+    assert said.headline.endswith(
+        "rolling on the cloth. This is a hint: no clip is held out to test it, so film more shots"
+    )
+    assert said.size == "the rms miss rises from 10.0 mm to 10.7 mm; noise alone leaves 0.707 mm"
+
+
 def test_what_is_left_has_its_size_and_a_picture_is_calibrated_again() -> None:
     """A length on the table in its headline; a formula of the image is the camera's, before it is an effect."""
     left = {"where": "not located", "what": "error beyond the noise, rms", "size": 1.49e-4, "unit": "m", "form": None}
