@@ -11,6 +11,7 @@ from typing import Any
 
 from models.console import table
 from models.files import write_whole
+from models.messages import counted
 from planner.evaluation.outcome import FOULS
 from planner.study.figures import CALIBRATION_BINS, MIN_BIN_SCENES, Record, figures
 from planner.study.pictures import METHOD_TITLES, draw_study, share
@@ -59,7 +60,7 @@ def rows(study: Record) -> list[tuple[str, ...]]:
 
 def text_table(study: Record) -> str:
     """The figures for a terminal."""
-    head = f"{study['scenes']} scenes" + (f", {len(study['failed'])} more failed" if study["failed"] else "")
+    head = counted(study["scenes"], "scene") + (f", {len(study['failed'])} more failed" if study["failed"] else "")
     return f"{head}\n\n{table(rows(study))}\n" if study["scenes"] else f"{head}\n"
 
 

@@ -10,6 +10,7 @@ import click
 
 from models.command_line import Number, gathered, seed_option
 from models.console import Status
+from models.messages import counted
 from robot.cli import first_byte
 from robot.cli.common import RequiredWire
 from robot.device.protocol import CUELAB, PAPER, PROTOCOLS
@@ -137,7 +138,8 @@ def _report(did: Did) -> int:
 
 
 def _print_status(s: LauncherStatus, x0_mm: float, y0_mm: float) -> int:
-    print(f"{s.state}: tip at {x0_mm:+.2f}, {y0_mm:+.2f} mm, {s.done} strokes, {s.stops} stops, {s.boots} boots")
+    since = [counted(s.done, "stroke"), counted(s.stops, "stop"), counted(s.boots, "boot")]
+    print(f"{s.state}: tip at {x0_mm:+.2f}, {y0_mm:+.2f} mm, {', '.join(since)}")
     for line in s.troubles():
         print(f"noted: {line}")
     return Status.FINDING if s.state in ("STOPPED", "FAULT") else Status.DONE
