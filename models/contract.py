@@ -192,7 +192,7 @@ def file_keeps_it(kind: type[Effect]) -> list[str]:
     return [] if back == effect else [f"a model file restores {back} for {effect}"]
 
 
-def jumps_are_told(kind: type[Effect]) -> list[str]:
+def jumps_announced(kind: type[Effect]) -> list[str]:
     """Check that forces which jump along a ball's path have a `horizon` that announces it."""
     if not kind.opens("forces") or kind.opens("horizon"):
         return []
@@ -232,7 +232,7 @@ CONTRACTS: dict[str, Contract] = {
     c.__name__: c
     for c in (
         declared, compiles, off_is_absent, usual_acts, one_value_a_shot, repeatable, gives_way, file_keeps_it,
-        jumps_are_told, engines_agree,
+        jumps_announced, engines_agree,
     )
 }  # fmt: skip
 BASIC_CONTRACTS = ("declared", "compiles")  # if these fail, the others give no information

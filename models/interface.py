@@ -22,7 +22,7 @@ import numpy as np
 from models.analytic.cueing import spin_estimate
 from models.compiled import note_compiling, set_ready
 from models.errors import BadInput
-from models.files.faults import closest, listed
+from models.files.faults import closest, listed, shown
 from models.model_file import Model
 from models.sheet import Picture, Presented, Sheet
 from models.shot import Array, Ball, Shot, Track, largest_overlap
@@ -47,8 +47,11 @@ class HasModel(Protocol):
 
 
 def model_of(given: Model | HasModel) -> Model:
-    """The model itself, or that of a result."""
-    return given if isinstance(given, Model) else given.model
+    """The model itself, or that of a result; BadInput for what is neither."""
+    own = given if isinstance(given, Model) else getattr(given, "model", None)
+    if not isinstance(own, Model):
+        raise BadInput(f"model is {shown(given)}: give a model, such as models.load_model(PATH), or a result with one")
+    return own
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -98,8 +98,8 @@ def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene
         name = wanted.get(key)
         if isinstance(name, str) and name not in balls:
             near = closest(name, balls)
-            remedy = f"did you mean {near!r}?" if near else "name one of them"
-            text = f"{where}: {key} {name!r} was not found, only {listed(balls)}: {remedy}"
+            remedy = f"did you mean {near!r}?" if near else f"name one of those found: {listed(balls)}"
+            text = f"{where}: {key} {name!r} was not found; {remedy}"
             raise BadInput(text)
     doubts = {"camera_doubts": found.camera_doubts}
     return scene_from({"format": FORMAT, **doubts, **sizes, "balls": balls, "goal": wanted}, where)

@@ -93,7 +93,7 @@ def make_plan(
         strokes, why = _baseline_stroke(player, execution, weights, seed, effort)
     else:
         strokes = search(player, execution, weights, seed=seed, effort=effort)
-        why = _reasons(player, strokes, weights)
+        why = reasons(player, strokes, weights)
     if not strokes:
         return head | {"stroke": None, "launcher": None, "alternatives": [], "why": why}
     log.info("tracks, and the tolerance of the yaw")
@@ -145,7 +145,7 @@ def _head(
     }  # fmt: skip
     return {
         "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene), "model": about,
-        "execution": asdict(execution), "wish": asdict(weights),
+        "execution": asdict(execution), "weights": asdict(weights),
     }  # fmt: skip
 
 
@@ -186,11 +186,24 @@ def _baseline_stroke(
 
 def _stroke_entries(player: Player, stroke: RankedStroke) -> dict[str, Any]:
     """The common entries of a plan's stroke and of its alternatives."""
-    evaluation, after = stroke.evaluation, cushions_after(stroke.evaluation)
-    over = ("no cushion", "one cushion", "two cushions", "three cushions")
-    kind = f"{describe_route(stroke.route)}; {spin_in_words(evaluation.q, player.scene.ball.radius)}, "
-    kind += f"cue ball over {over[after] if after < len(over) else f'{after} cushions'} after it"
-    return _entries(player, evaluation, stroke.engines) | {"pocket": list(POCKETS[stroke.route.pocket]), "kind": kind}
+    about = {"pocket": list(POCKETS[stroke.route.pocket]), "kind": _kind(stroke, player.scene.ball.radius)}
+    return _entries(player, stroke.evaluation, stroke.engines) | about
+
+
+def _kind(stroke: RankedStroke, radius: float) -> str:
+    """The route of a stroke, its spin, and the cue ball's way after the object ball."""
+    after, over = cushions_after(stroke.evaluation), ("no cushion", "one cushion", "two cushions", "three cushions")
+    cushions = over[after] if after < len(over) else f"{after} cushions"
+    spin = spin_in_words(stroke.evaluation.q, radius)
+    return f"{describe_route(stroke.route)}; {spin}, cue ball over {cushions} after it"
+
+
+def _utility(stroke: RankedStroke) -> str:
+    """The expected utility that ranks a stroke: that in the event engine, and by how much MuJoCo differs."""
+    text, gain = f"{stroke.evaluation.value:.3f}", stroke.mujoco_gain
+    if f"{abs(gain):.3f}" == "0.000":
+        return text
+    return f"{text} in the event engine and {abs(gain):.3f} {'more' if gain > 0 else 'less'} in MuJoCo"
 
 
 def _entries(player: Player, evaluation: Evaluation, engines: dict[str, Any]) -> dict[str, Any]:
@@ -272,7 +285,7 @@ def _rounded(xy: Array) -> list[list[float]]:
     return [[float(v) for v in row] for row in np.round(xy, 5)]
 
 
-def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWeights) -> str:
+def reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWeights) -> str:
     """The reason for the first stroke, or why there is none."""
     routes = list(all_routes(player.scene))
     names = {p: pocket_name(POCKETS[p]) for p in {r.pocket for r in routes}}
@@ -293,10 +306,9 @@ def _reasons(player: Player, strokes: Sequence[RankedStroke], weights: UtilityWe
         parts = (
             f"{100 * (1 - weights.rest):.0f} % of the expected utility is the pot, {100 * weights.rest:.0f} % {place}"
         )
-    text = f"The highest expected utility, {best.evaluation.value:.3f} ({parts}; a foul costs {weights.foul:g})"
+    text = f"The highest expected utility, {_utility(best)} ({parts}; a foul costs {weights.foul:g})"
     if len(strokes) > 1:
-        second = strokes[1]
-        text += f"; the best of another kind, {describe_route(second.route)}, has {second.evaluation.value:.3f}"
+        text += f". The next: {_kind(strokes[1], player.scene.ball.radius)}, with {_utility(strokes[1])}"
     made = best.engines
     text += f". Of {made['plays']} plays in both engines {100 * made['events']:.0f} % succeed in the event engine, "
     text += f"{100 * made['mujoco']:.0f} % in MuJoCo{_tip_in_words(made)}"

@@ -18,8 +18,9 @@ from typing import Any, TypeVar
 from models.console import Progress
 from models.errors import BadInput
 from models.files import made_folder
-from models.files.faults import listed
+from models.files.faults import listed, shown
 from models.interface import HasModel, model_of
+from models.messages import counted
 from models.mjcf.export import places_of
 from models.model_file import Model, full_model, write_model
 from models.report.numbers import millimetres, number
@@ -65,7 +66,7 @@ class ComparedClips(Presented, Comparison):
 
     def report(self, path: Path | str, label: str = "this model") -> None:
         """Write the report, one HTML file; BadInput if it cannot be written."""
-        title = f"Model against {len(self.clips)} clips"
+        title = f"Model against {counted(len(self.clips), 'clip')}"
         write_report(path, title, [(label, self)], notes=in_words(self))
 
     def sample_frame(self) -> Any:
@@ -260,5 +261,8 @@ def export(
 
 def _start(clips: ClipSet, model: Model | HasModel | None) -> Model:
     """The given model, or the base for this table; announces and does any compilation first."""
+    if not isinstance(clips, ClipSet):
+        raise BadInput(f"clips is {shown(clips)}: give a clip set, such as sysid.read_clips(FOLDER)")
+    start = full_model(clips.table, clips.ball) if model is None else model_of(model)
     prepare()
-    return full_model(clips.table, clips.ball) if model is None else model_of(model)
+    return start

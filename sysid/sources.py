@@ -113,6 +113,8 @@ def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: 
         fps: true frame rate, if the film does not state it [1/s].
         mass: of a ball [kg]; by default the usual mass at this size.
 
+    What was found or assumed, and each doubt, is printed on the standard error stream.
+
     Raises:
         BadInput: for a faulty film, or one without a shot.
     """
@@ -122,6 +124,8 @@ def track(video: PathLike, camera: PathLike, *, fps: float | None = None, mass: 
     tell_doubts(camera, seen.doubts)
     with naming_arguments():
         found = track_film(str(video), Taken.of(seen, camera, fps=fps, mass=mass))
+    doubts = [f"not to be trusted: {doubt}" for doubt in found.doubts]
+    print("\n".join([*(remark.for_python() for remark in found.remarks), *doubts]), file=sys.stderr)
     if found.clips is None:
         raise BadInput(f"{video}: no shot was found in it: film one from before the strike until the balls rest")
     return found.clips

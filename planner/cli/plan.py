@@ -74,7 +74,11 @@ class Utility:
         "--rest-weight", "W", "Part of a pot's value that depends on where the cue ball stops.", Number(0, 1), 0.2
     )
     far: float = given(
-        "--far", "D", "Distance from the wanted place at which that part falls to 1/e [m].", Number(1e-3, 10), 0.35
+        "--far",
+        "D",
+        "Distance from the wanted place at which the part of --rest-weight falls to 1/e [m].",
+        Number(1e-3, 10),
+        0.35,
     )
     foul_cost: float = given("--foul-cost", "C", "Cost of a foul, in pots.", Number(0, 100), 0.5)
 

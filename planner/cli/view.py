@@ -72,7 +72,12 @@ class PictureOptions:
 @gathered("shown", Shown)
 @gathered("stroke", GivenStroke)
 @click.option(
-    "--pace", metavar="P", type=Number(0.001, 100), default=1.0, show_default=True, help="0.2 is five times slower."
+    "--pace",
+    metavar="P",
+    type=Number(0.001, 100),
+    default=1.0,
+    show_default=True,
+    help="Pace of playback; 0.2 is five times slower.",
 )
 @gathered("pictures", PictureOptions)
 @effects_option()

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.messages import counted
 from planner.evaluation.play import Player
 from planner.evaluation.risk import ErrorSamples, Evaluation, draw_errors, evaluate, evaluations
 from planner.evaluation.value import UtilityWeights
@@ -63,6 +64,7 @@ class RankedStroke:
     route: Route
     evaluation: Evaluation
     engines: dict[str, Any]  # shots made over the same plays in either engine, and the tip's deviation
+    mujoco_gain: float = 0.0  # expected utility in MuJoCo minus that in the event engine, over these plays
 
 
 def search(
@@ -79,12 +81,12 @@ def search(
     """
     effort = effort or Effort()
     routes = open_routes(player.scene)
-    log.info("%d open routes; fans of aims along them", len(routes))
+    log.info("%s; fans of aims along them", counted(len(routes), "open route"))
     start = starting_strokes(player, routes, execution, weights, effort.starts)
     if len(start.q) == 0:
         return []
     samples = draw_errors(player.model, execution, effort.closely, seed)
-    log.info("refining %d strokes over %d plays each, then more", len(start.q), effort.plays)
+    log.info("refining %s over %d plays each, then more", counted(len(start.q), "stroke"), effort.plays)
     stages = [samples.first(effort.plays << k) for k in range(effort.halved + 1)]
     q, live = _Refinement(player, weights, effort, np.random.default_rng(seed)).run(stages, start.q)
     q, route = playable(player, q, start.route[live])
@@ -93,11 +95,14 @@ def search(
     close = evaluate(player, samples, q, weights)
     order = np.argsort([-e.value for e in close], kind="stable")[: effort.finalists]
     fresh = draw_errors(player.model, execution, effort.fresh, seed + 1)
-    log.info("evaluating %d strokes over %d plays, %d of them in MuJoCo too", len(order), len(fresh), effort.checked)
+    strokes = counted(len(order), "stroke")
+    log.info("evaluating %s over %d plays, %d of them in MuJoCo too", strokes, len(fresh), effort.checked)
     final, engines, shift = in_both_engines(player, fresh, q[order], weights, effort.checked)
     ranking = sorted(range(len(order)), key=lambda k: -(final[k].value + shift[k]))
     offered = [
-        RankedStroke(_played_route(player, routes, int(route[order[k]]), final[k]), final[k], engines[k])
+        RankedStroke(
+            _played_route(player, routes, int(route[order[k]]), final[k]), final[k], engines[k], float(shift[k])
+        )
         for k in ranking
         if final[k].made >= MIN_MADE_PROBABILITY
     ]

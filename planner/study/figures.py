@@ -89,12 +89,12 @@ def _of_method(scenes: Sequence[Record], method: str) -> dict[str, Any]:
     return {
         **{k: _mean([v[k] for v in seen]) for k in ("made", "potted", "foul")},
         "fouls": {name: _mean([v["fouls"][name] for v in seen])["mean"] for name in FOULS},
-        "promised": _mean([p["pot_probability"]["value"] for p in predicted]),
+        "predicted": _mean([p["pot_probability"]["value"] for p in predicted]),
         "none": sum(s["methods"][method]["stroke"] is None for s in scenes),
         "away_pooled": _quantile([d for v in seen for d in v["away"]], 0.5),
         "away_medians": _quantile([v["median"] for v in seen], 0.5),
         "away_all_medians": _quantile([v["median_all"] for v in seen], 0.5),
-        "away_promised": _quantile([p["rest"]["distance_median"] for p in predicted], 0.5),
+        "away_predicted": _quantile([p["rest"]["distance_median"] for p in predicted], 0.5),
         "seconds_median": _quantile(seconds, 0.5), "seconds_95": _quantile(seconds, 0.95),
     }  # fmt: skip
 
@@ -108,8 +108,8 @@ def _calibration(scenes: Sequence[Record], method: str) -> dict[str, Any]:
         predicted, seen = (float(v) for v in rows.mean(axis=0))
         se = _mean(rows[:, 1].tolist())["se"]
         start = int(k) / CALIBRATION_BINS
-        bins.append({"from": start, "promised": predicted, "seen": seen, "se": se, "scenes": len(rows)})
-    gaps = [abs(b["seen"] - b["promised"]) for b in bins if b["scenes"] >= MIN_BIN_SCENES]
+        bins.append({"from": start, "predicted": predicted, "seen": seen, "se": se, "scenes": len(rows)})
+    gaps = [abs(b["seen"] - b["predicted"]) for b in bins if b["scenes"] >= MIN_BIN_SCENES]
     return {"bins": bins, "largest_gap": max(gaps) if gaps else None}
 
 

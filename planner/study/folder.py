@@ -19,6 +19,7 @@ from models.console import Progress, plain
 from models.errors import BadInput
 from models.files import read_document, write_whole
 from models.files.faults import Faults
+from models.messages import counted
 
 if TYPE_CHECKING:
     from models.workers import Workers
@@ -37,7 +38,7 @@ def describe(study: Study) -> dict[str, Any]:
     """The common settings of a folder's scenes, as plain values."""
     return {
         "format": STUDY_FORMAT, "seed": study.seed, "balls": study.balls, "method": study.method, "plays": study.plays,
-        "execution": asdict(study.execution), "wish": asdict(study.weights), "effort": asdict(study.effort),
+        "execution": asdict(study.execution), "weights": asdict(study.weights), "effort": asdict(study.effort),
         "model": hashlib.sha256(repr(vars(study.model)).encode()).hexdigest()[:16], "sources": fingerprint(),
     }  # fmt: skip
 
@@ -108,12 +109,12 @@ def carry_out(out: Path | str, study: Study, count: int, workers: Workers | None
     started, total = time.monotonic(), len(todo)
     present = count - total
     if todo:
-        progress(f"{present} of {count} scenes")
+        progress(f"{present} of {counted(count, 'scene')}")
     for done, result in enumerate(_simulated(study, todo, workers), 1):
         text = json.dumps(plain(result), separators=(",", ":"))
         write_whole(scene_path(out, result["number"]), (text + "\n").encode(), parents=True)
         left = (time.monotonic() - started) / done * (total - done)
-        progress(f"{present + done} of {count} scenes, {left / 60:.0f} min left")
+        progress(f"{present + done} of {counted(count, 'scene')}, {left / 60:.0f} min left")
 
 
 def _simulated(study: Study, todo: Sequence[int], workers: Workers | None) -> Iterator[dict[str, Any]]:

@@ -53,7 +53,7 @@ def _draw_calibration(ax: Any, scenes: Sequence[Record], study: Record) -> None:
     for m in study["methods"]:
         ax.plot(*(100 * calibration_pairs(scenes, m).T), ".", color=METHOD_COLOURS[m], ms=3, alpha=0.35, mec="none")
         bins = study["calibration"][m]["bins"]
-        x, y = (100 * np.array([r[k] for r in bins]) for k in ("promised", "seen"))
+        x, y = (100 * np.array([r[k] for r in bins]) for k in ("predicted", "seen"))
         error = [100 * (r["se"] or 0.0) for r in bins]
         ax.errorbar(x, y, yerr=error, fmt="o-", ms=4.5, lw=1.4, color=METHOD_COLOURS[m], label=METHOD_TITLES[m])
     ax.set(xlim=(-2, 102), ylim=(-2, 102), xlabel="pots predicted [%]", ylabel="pots observed on the truth [%]")

@@ -11,6 +11,7 @@ from typing import Any
 
 from models.console import table
 from models.files import write_whole
+from models.messages import counted
 from planner.evaluation.outcome import FOULS
 from planner.study.figures import CALIBRATION_BINS, MIN_BIN_SCENES, Record, figures
 from planner.study.pictures import METHOD_TITLES, draw_study, share
@@ -32,14 +33,14 @@ def rows(study: Record) -> list[tuple[str, ...]]:
 
     line("potted without a foul", share, "made")
     line("potted, with fouls", share, "potted")
-    line("potted, as predicted", share, "promised")
+    line("potted, as predicted", share, "predicted")
     line("fouls", share, "foul")
     for name in FOULS:
         out.append((f"  {name}", *(share(methods[m]["fouls"][name]) for m in columns), ""))
     line("cue ball from the goal position, median of all plays that potted", mm, "away_pooled")
     line("  median of the scenes' medians", mm, "away_medians")
     line("  likewise over all plays", mm, "away_all_medians")
-    line("  likewise, as predicted", mm, "away_promised")
+    line("  likewise, as predicted", mm, "away_predicted")
     line("scenes without a stroke", str, "none")
     line("processor time to plan, median", s, "seconds_median")
     line("processor time to plan, 95 %", s, "seconds_95")
@@ -59,7 +60,7 @@ def rows(study: Record) -> list[tuple[str, ...]]:
 
 def text_table(study: Record) -> str:
     """The figures for a terminal."""
-    head = f"{study['scenes']} scenes" + (f", {len(study['failed'])} more failed" if study["failed"] else "")
+    head = counted(study["scenes"], "scene") + (f", {len(study['failed'])} more failed" if study["failed"] else "")
     return f"{head}\n\n{table(rows(study))}\n" if study["scenes"] else f"{head}\n"
 
 
@@ -121,7 +122,7 @@ def _calibration_grid(bins: Sequence[Record]) -> str:
     for b in bins:
         interval = f"{100 * b['from']:.0f} to {100 * (b['from'] + 1 / CALIBRATION_BINS):.0f} %"
         seen = share({"mean": b["seen"], "se": b["se"]})
-        lines.append((interval, share(b["promised"]), seen, str(b["scenes"])))
+        lines.append((interval, share(b["predicted"]), seen, str(b["scenes"])))
     return _grid(lines)
 
 

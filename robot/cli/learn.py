@@ -30,6 +30,7 @@ from models.command_line import (
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in
+from models.messages import counted
 from robot.cli.common import Filming, Wire, confirmed, set_up, yes_option
 from sysid.cli.viewing import Live
 
@@ -258,7 +259,7 @@ def _draw(folder: Path, story: History, progress: Progress) -> None:
     from sysid.report.recording import found_films
 
     progress("report and recording")
-    write_report(folder / "report.html", story, f"The closed loop: {len(story.shots)} shots")
+    write_report(folder / "report.html", story, f"The closed loop: {counted(len(story.shots), 'shot')}")
     write_picture(folder / "story.png", story)
     filmed = (folder / "clips" / "clips.toml").is_file()
     write_recording(folder / "story.rrd", story, films=found_films(read_clip_set(folder / "clips")) if filmed else ())

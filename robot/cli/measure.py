@@ -23,6 +23,7 @@ from models.command_line import (
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
+from models.messages import counted
 from robot.cli.common import Filming, Wire, confirmed, yes_option
 from robot.cli.single_ball import AtTable
 from robot.device.protocol import LauncherError
@@ -96,7 +97,7 @@ def campaign(
             end.add_note(f"{played} shots are kept in {out}: the same command continues from there")
         raise
     progress.close()
-    print(f"{len(shots)} shots, {sum(s.miscue for s in shots)} miscues: {out}")
+    print(f"{counted(len(shots), 'shot')}, {counted(sum(s.miscue for s in shots), 'miscue')}: {out}")
     return Status.DONE
 
 

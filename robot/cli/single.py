@@ -10,6 +10,7 @@ import click
 
 from models.command_line import Number, gathered, seed_option
 from models.console import Status
+from models.messages import counted
 from robot.cli import first_byte
 from robot.cli.common import RequiredWire
 from robot.device.protocol import CUELAB, PAPER, PROTOCOLS
@@ -26,7 +27,9 @@ HOLDER_ANSWERS_S = 2.0  # longest time that the port's holder may take to ask th
 @click.option("--baud", metavar="B", type=int, default=19200, show_default=True, help="Speed of the line [bit/s].")
 @click.option("--pace", metavar="X", type=float, default=1.0, show_default=True, help="Mechanics over real time.")
 @click.option("--fault-rate", metavar="R", type=Number(0, 1), default=0.0, help="Share of lines with a fault, 0 to 1.")
-@click.option("--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="Its protocol.")
+@click.option(
+    "--protocol", type=click.Choice(PROTOCOLS), default=CUELAB, show_default=True, help="Protocol of the launcher."
+)
 @seed_option()
 def emulate(path: str | None, baud: int, pace: float, fault_rate: float, protocol: str, seed: int) -> int:
     """Emulate a launcher on a pseudo-terminal, until interrupted.
@@ -135,7 +138,8 @@ def _report(did: Did) -> int:
 
 
 def _print_status(s: LauncherStatus, x0_mm: float, y0_mm: float) -> int:
-    print(f"{s.state}: tip at {x0_mm:+.2f}, {y0_mm:+.2f} mm, {s.done} strokes, {s.stops} stops, {s.boots} boots")
+    since = [counted(s.done, "stroke"), counted(s.stops, "stop"), counted(s.boots, "boot")]
+    print(f"{s.state}: tip at {x0_mm:+.2f}, {y0_mm:+.2f} mm, {', '.join(since)}")
     for line in s.troubles():
         print(f"noted: {line}")
     return Status.FINDING if s.state in ("STOPPED", "FAULT") else Status.DONE

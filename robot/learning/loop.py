@@ -27,6 +27,7 @@ import numpy as np
 from models.console import write_json
 from models.errors import BadInput
 from models.files import made_folder, write_whole
+from models.messages import counted
 from models.model_file import Model, read_model, write_model
 from models.shot import Array
 from planner.evaluation.value import UtilityWeights
@@ -277,7 +278,7 @@ def _refit(folder: Path, config: LearningConfig, learnt: int, report: Report) ->
     out = fit_folder(folder, learnt)
     made_folder(out)
     clip_set, played = films(folder, learnt)
-    report(f"{len(clip_set.clips)} clips")
+    report(counted(len(clip_set.clips), "clip"))
     known, _ = latest(folder, config, learnt - config.every)
     found = relearn(clip_set, played, config.model, config.cueing_map, known)
     result = found.result

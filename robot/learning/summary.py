@@ -43,7 +43,7 @@ def _blocks(story: History, every: int) -> list[dict[str, Any]]:
             "miss_median_m": story.median_miss(first, last), "foreseen_median_m": story.median_spread(first, last),
             "scatter_median_m": story.floor(first, last),
             "potted": sum(s.potted is True for s in to_pot), "seen": sum(s.potted is not None for s in to_pot),
-            "promised": sum(s.pot_probability for s in to_pot if s.potted is not None),
+            "predicted": sum(s.pot_probability for s in to_pot if s.potted is not None),
             "from_wanted_median_m": float(np.median(away)) if away else math.nan,
         })  # fmt: skip
     return blocks
@@ -84,7 +84,7 @@ def text_of(result: dict[str, Any]) -> str:
         miss, foreseen, scatter, away = (f"{1e3 * v:.0f}" if math.isfinite(v) else "-" for v in sizes)
         shots = f"{b['first']} to {b['last']}"
         potted = f"{b['potted']} of {b['seen']}"
-        rows.append((shots, str(b["learnt"]), miss, foreseen, scatter, potted, f"{b['promised']:.1f}", away))
+        rows.append((shots, str(b["learnt"]), miss, foreseen, scatter, potted, f"{b['predicted']:.1f}", away))
     parts = [
         table(rows),
         "medians: distance of the cue ball from the planned place, measured, predicted by the plan, and due to the "

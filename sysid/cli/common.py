@@ -15,6 +15,7 @@ import click
 from models.command_line import ABOVE_ZERO, FILE_PATH, given, input_option, json_option, output_option
 from models.console import as_called
 from models.errors import BadInput
+from models.messages import counted
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -114,7 +115,7 @@ class Outputs:
         if self.report_file:
             from sysid.report.html import write_report
 
-            title = f"Model against {len(last.clips)} clips"
+            title = f"Model against {counted(len(last.clips), 'clip')}"
             write_report(self.report_file, title, comparisons, notes=notes)
             print(f"report: {self.report_file}")
         if self.rrd_file:

@@ -54,7 +54,7 @@ def check(clips: Path, json_file: Path | None) -> int:
         return Status.BAD_INPUT
     clip_set = found.clip_set
     samples = sum(len(o.time) for c in clip_set.clips for o in c.balls.values())
-    print(f"{clips}: {len(clip_set.clips)} clips, {samples} samples, no faults")
+    print(f"{clips}: {counted(len(clip_set.clips), 'clip')}, {counted(samples, 'sample')}, no faults")
     return Status.DONE
 
 

@@ -15,6 +15,7 @@ from sysid.report.findings import label, ladder_table, round_rows, shot_lines, v
 from sysid.report.health import print_health
 from sysid.report.outcome import compare_at, write_outcome
 from sysid.report.text import in_words
+from sysid.report.verdict import verdict_of
 from sysid.selection.discover import discover
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import Diagnosis
@@ -62,6 +63,7 @@ def run(out: Path, progress: Progress) -> int:
     _print_indented(shot_lines(found.next_shots))
     _compare_with_truth(last.model, found)
     print_health(last.model)
+    print("\nIn short\n  " + "\n  ".join(verdict_of(found).lines()))
     print(f"\nwritten to {out}: model.toml, result.json, report.html, review.rrd")
     viewer = as_called(f"sysid review {shlex.quote(str(out))}")
     print(f"open {out / 'report.html'} in a browser, which draws what to film next, and the shots with: {viewer}")

@@ -12,6 +12,7 @@ import click
 from models.command_line import effects_option, gathered, json_option, out_folder_option, scheduler_option
 from models.console import Progress, Status, as_called, print_constants, table, write_json
 from models.files import alone_in, result_folder
+from models.messages import counted
 from sysid.cli.common import Start, report_option, spread_over_cluster
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def diagnose(
     Example: sysid diagnose CLIPS --model fitted.toml
     """
     from sysid.interface import diagnose as diagnose_clips
-    from sysid.report.findings import noise_line, round_rows, shot_lines, verdict_lines
+    from sysid.report.findings import miss_line, noise_line, round_rows, shot_lines, verdict_lines
     from sysid.report.result_json import judgement_json
 
     clip_set, model = start.load()
@@ -71,10 +72,10 @@ def diagnose(
     progress.close()
     seen = judged.screening
     held_out = len(parts.held_out.clips) if parts.held_out else 0
-    print(f"{len(clip_set.clips)} clips, {held_out} of them held out; {noise_line(parts.noise)}")
+    print(f"{counted(len(clip_set.clips), 'clip')}, {held_out} of them held out; {noise_line(parts.noise)}")
     if seen.windows:
         print(f"not every whole shot is followed: candidates are scored on {seen.windows} windows of one impact each")
-    print(f"base: miss {seen.base.miss * 1e3:.3f} mm, held out {seen.base.held_miss * 1e3:.3f} mm\n")
+    print(f"{miss_line('base', seen.base)}\n")
     print(table(round_rows(seen)))
     notes = [*parts.excluded, *verdict_lines(judged, found.unexplained)]
     notes += shot_lines(found.next_shots)
@@ -169,9 +170,10 @@ class _Printed:
 
     def step(self, found: DiscoveryResult) -> None:
         """Print the rounds that have not been printed yet, and the miss with the last effect."""
+        from sysid.report.findings import miss_line
+
         self.rounds(found)
-        last, name = found.last, ", ".join(found.verdict) or "base"
-        print(f"{name}: miss {last.miss * 1e3:.3f} mm, held out {last.held_miss * 1e3:.3f} mm\n", flush=True)
+        print(f"{miss_line(', '.join(found.verdict) or 'base', found.last)}\n", flush=True)
 
 
 def _to_paste(text: str, out: Path) -> str:

@@ -128,7 +128,8 @@ def new_effect(name: str, folder: Path, from_file: Path | None) -> int:
 
     checked_name(name)
     effect, test = write(name, folder, source_of(from_file, name) if from_file else None)
-    print(f"{effect}: the effect, which runs as written; replace its formula")
+    todo = "state its cause, source and bounds" if from_file else "replace its formula"
+    print(f"{effect}: the effect, which runs as written; {todo}")
     print(f"{test}: its test; run it with: python -m pytest {test}")
     print(f"check it with: {as_called(f'sysid effects --check --effects {folder}')}")
     return Status.DONE

@@ -26,7 +26,7 @@ from models.errors import BadInput
 def export(
     progress: Progress, model: Path, out: Path, target: str, balls: str | None, launcher: bool, bare: bool
 ) -> int:  # fmt: skip
-    """Export a fitted table for other programs: as plain MJCF for any MuJoCo, or as a system of pooltool's.
+    """Export a fitted table for other programs: as plain MJCF for any MuJoCo, or as a pooltool system.
 
     MODEL is a model file. The result needs no other file and none of our code: it has the model's sizes, masses, noses,
     pockets and slope, and MuJoCo's own contact terms, fitted to the model (some minutes). What this leaves out is

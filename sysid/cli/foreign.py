@@ -14,6 +14,7 @@ import click
 from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, output_option
 from models.console import Progress, Status, as_called
 from models.errors import BadInput
+from models.messages import counted
 from sysid.cli.common import camera_option
 from sysid.cli.tables import TableOptions
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from sysid.foreign.pixels import Pixels
     from sysid.vision import Camera
 
-Y_HELP = "up where x, y and up are right-handed (of pixels: from the last row upwards), down as in pictures."
+Y_HELP = "up: right-handed, seen from above (pixels: counted from the last row); down: as in pictures."
 TIME_UNITS = ("seconds", "frames", "milliseconds", "microseconds")
 
 
@@ -137,7 +138,7 @@ def import_(
             raise BadInput(f"{one.text} (nothing was written; look at {picture})")
         print(f"warning: {one.text}", file=sys.stderr, flush=True)
     write_clip_set(clip_set, out)
-    print(f"clips: {out}, {len(clip_set.clips)} shots (continue with: {as_called(f'sysid check {out}')})")
+    print(f"clips: {out}, {counted(len(clip_set.clips), 'shot')} (continue with: {as_called(f'sysid check {out}')})")
     return Status.DONE
 
 

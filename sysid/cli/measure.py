@@ -18,6 +18,7 @@ import click
 
 from models.command_line import effects_option, json_option, out_option, output_option
 from models.console import Progress, Status, as_called, table, write_json
+from models.messages import counted
 from sysid.cli.common import Start, clips_argument, model_option
 
 if TYPE_CHECKING:
@@ -116,19 +117,19 @@ def starting_model(clip_set: ClipSet, found: Measurements) -> Model:
         if one.value is not None and one.sd is not None and one.kind.name in model.parameters():
             low, high = model.meta(one.kind.name)["bounds"]
             values[one.kind.name] = min(max(one.value, low), high)
-            estimates[one.kind.name] = Estimate(one.sd, f"sysid measure, {counted(one)}")
+            estimates[one.kind.name] = Estimate(one.sd, f"sysid measure, {measured_on(one)}")
     return dataclasses.replace(model.with_values(values), estimates=estimates)
 
 
-def counted(one: Measured) -> str:
+def measured_on(one: Measured) -> str:
     """The number of segments or events, in words."""
-    return f"{one.count} {one.kind.of.removesuffix('s') if one.count == 1 else one.kind.of}"
+    return counted(one.count, one.kind.of.removesuffix("s"))
 
 
 def print_measured(found: Measurements, model: Model | None = None) -> None:
     """Print a table of the constants, followed by their warnings."""
     spikes = f", {found.spikes} outlying samples left out" if found.spikes else ""
-    print(f"{found.clips} clips, noise {found.noise * 1e3:.3f} mm{spikes}\n")
+    print(f"{counted(found.clips, 'clip')}, noise {found.noise * 1e3:.3f} mm{spikes}\n")
     head = ["constant", "value", "sd", *(["model", "apart"] if model else []), "unit", "from", "at m/s", "chi2"]
     rows, notes, methods = [head], [], ["method"]
     for one in found.all:
@@ -141,7 +142,7 @@ def print_measured(found: Measurements, model: Model | None = None) -> None:
             if model:
                 cells += [f"{held[0]:.{digits}f}", f"{held[1]:+.1f} sd"] if held else ["-", "-"]
             own = (f"{k:.{n}f}" if math.isfinite(k) else "-" for k, n in ((one.speed, 2), (one.chi2, 1)))
-            cells += [one.kind.unit, counted(one), *own]
+            cells += [one.kind.unit, measured_on(one), *own]
         rows.append([one.kind.name, *cells])
         methods.append(one.kind.method)
         notes += [f"{one.kind.name}: {text}" for text in one.warnings]
@@ -186,7 +187,7 @@ def picture(found: Measurements) -> bytes:
         ax.axhspan(value - sd, value + sd, color=MEAN_COLOUR, alpha=0.35, linewidth=0)
         ax.axhline(value, color=MEAN_COLOUR, linewidth=1)
         ax.set_title(
-            f"{one.kind.name}: {value:.5g} ± {sd:.2g}, {counted(one)}", loc="left", fontsize=9, color=TEXT_COLOUR
+            f"{one.kind.name}: {value:.5g} ± {sd:.2g}, {measured_on(one)}", loc="left", fontsize=9, color=TEXT_COLOUR
         )
         ax.set_xlabel("m/s", fontsize=8)
         ax.set_ylabel(f"[{one.kind.unit}]", fontsize=8)

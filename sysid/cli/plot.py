@@ -9,6 +9,7 @@ import click
 
 from models.command_line import effects_option, gathered, out_option
 from models.console import Progress, Status
+from models.messages import counted
 from sysid.cli.common import Start
 from sysid.cli.compare import labels_of
 
@@ -34,7 +35,7 @@ def plot(progress: Progress, start: Start, wanted: str | None, out: Path) -> int
     clip_set, models = start.load_several()
     one = chosen_clip(clip_set, wanted, start.clips) if wanted is not None else None
     if one is None and not start.model_files:
-        write_whole(out, tracks_png(clip_set, f"{len(clip_set.clips)} clips of {start.clips}"))
+        write_whole(out, tracks_png(clip_set, f"{counted(len(clip_set.clips), 'clip')} of {start.clips}"))
     elif not start.model_files and one is not None:
         write_whole(out, shot_png(one, clip_set.table, clip_set.ball))
     else:

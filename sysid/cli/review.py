@@ -21,7 +21,7 @@ models_option = click.option(
 )  # fmt: skip
 video_option = click.option(
     "--video", metavar="DIR", type=FILE_PATH,
-    help="Folder of the films of CLIPS; by default they are looked for where they were tracked, and beside CLIPS.",
+    help="Folder of the films; by default they are looked for where they were tracked, and beside the clips.",
 )  # fmt: skip
 
 

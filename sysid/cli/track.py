@@ -21,7 +21,7 @@ from models.command_line import (
 from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in
-from sysid.cli.common import camera_option, mass_option, palette_option, print_recording, rrd_option
+from sysid.cli.common import camera_option, mass_option, palette_option, print_recording
 from sysid.cli.viewing import Live
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class TrackOutputs:
                       required=True)  # fmt: skip
     force: bool = given("--force", "", "Replace an existing clip set.", bool)
     json_file: Path | None = given(json_option)
-    rrd_file: Path | None = given(rrd_option)
+    rrd_file: Path | None = given(output_option("rrd", "FILE.rrd", "Write film and tracks for Rerun."))
     preview: Path | None = given("--preview", "DIR", "Folder for a picture of each clip.", FILE_PATH)
     sheet_file: Path | None = given(output_option("sheet", "SHEET.png", "Draw a contact sheet, a row for each shot."))
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from models.files.decode import Allowed
 from models.files.texts import picked
+from models.messages import counted
 from models.sheet import frame_of
 from models.shot import UNKNOWN_SESSION, Array, Ball, Session, Table
 
@@ -39,7 +40,7 @@ class Observation:
 
     def __repr__(self) -> str:
         """A line with its extent, without its arrays."""
-        return f"<Observation: {len(self.time)} samples>"
+        return f"<Observation: {counted(len(self.time), 'sample')}>"
 
     def at(self, rows: NDArray[np.int64]) -> Observation:
         """The observation reduced to some of its samples."""
@@ -92,7 +93,7 @@ class ClipSet:
     def __repr__(self) -> str:
         """A line with the table and the number of clips."""
         size = f"{self.table.length:g} x {self.table.width:g} m"
-        return f"<ClipSet {self.folder}: {len(self.clips)} clips at {self.fps:g} frames/s, table of {size}>"
+        return f"<ClipSet {self.folder}: {counted(len(self.clips), 'clip')} at {self.fps:g} frames/s, table of {size}>"
 
     def frame(self) -> Any:
         """A data frame with a row for every sample of every ball: clip, ball, time [s], x, y [m], theta [rad]."""

@@ -17,6 +17,7 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from models.engine.play import lacking
+from models.messages import counted
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import settled_states
 from sysid.estimation.initial_states import fit_states, own_scores, within_noise
@@ -59,7 +60,7 @@ def searched_windows(chain: Chain, c: Array, known: Array | None = None, searche
     cost = chain.losses(best, c, sd)
     todo = np.arange(len(chain.windows.runs))
     for seed in range(known is None, searches):
-        log.info("searching the states of %d shots", len(todo))
+        log.info("searching the states of %s", counted(len(todo), "shot"))
         part, here = chain.only(todo), np.isin(shot, todo)
         found = _searched_once(part, c, seed)
         there = part.losses(found, c, part.gap_sd(part.windows.start))

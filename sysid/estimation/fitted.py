@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from models.messages import counted
 from models.model_file import Estimate, Model
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem
@@ -111,7 +112,7 @@ def as_model(found: FittedModel, command: str, files: Sequence[str], more: Mappi
     model = found.problem.model
     rows = [k for k, name in enumerate(found.names) if name in model.parameters()]
     names, sds = [found.names[k] for k in rows], np.sqrt(np.diag(found.covariance))[rows]
-    source = f"{command}, {len(files)} clips" + ("" if found.converged else ", NOT converged")
+    source = f"{command}, {counted(len(files), 'clip')}" + ("" if found.converged else ", NOT converged")
     estimates = dict(model.estimates)
     for name, sd in zip(names, sds.tolist(), strict=True):
         described = source if np.isfinite(sd) else f"{source}: not determined by these clips"

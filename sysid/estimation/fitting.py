@@ -13,6 +13,7 @@ import logging
 
 import numpy as np
 
+from models.messages import counted
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
 from sysid.estimation.initial_states import fit_states, shot_losses, shot_scores, within_noise
 from sysid.estimation.problem import Array, shared_constants
@@ -69,7 +70,9 @@ def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> Fi
         found = _solve(problem.with_discrepancy(tolerated), x, c, rule, what)
         x, c = found.initial_states, found.constants
         score = float(shot_scores(problem, x, c)[0].sum())
-        log.info("%s: negative log likelihood %.1f, %d shots with new initial states", what, score, elsewhere)
+        log.info(
+            "%s: negative log likelihood %.1f, %s with new initial states", what, score, counted(elsewhere, "shot")
+        )
         improved, best = score < best - BETTER_LOSS, min(score, best)
         if improved:
             searching = elsewhere > 0

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from models.messages import counted
 from sysid.estimation.initial_states import CHANCE_SD, shot_losses, within_noise
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
@@ -72,7 +73,7 @@ def searched_states(problem: ShotProblem, c: Array, effort: int = 1, seed: int =
     optima = Optima.at(problem.start)
     for stage in range(problem.stages):
         optima = up_to_event(problem, optima, c, stage, effort, seed)
-        log.info("%d shots up to event %d of %d", len(problem.clips), stage + 1, problem.stages)
+        log.info("%s up to event %d of %d", counted(len(problem.clips), "shot"), stage + 1, problem.stages)
     return best_whole(problem, optima, c)
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import BadInput
-from models.messages import MessageParts, Option, OptionError, option
+from models.messages import MessageParts, Option, OptionError, counted, option
 from models.shot import Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.readings import (
@@ -325,8 +325,8 @@ def _about(clip_set: ClipSet, before: Sequence[Clip], raw: Sequence[RawClip]) ->
     says += [line] if line else []
     pairs = zip(clip_set.clips, before, strict=True)
     late = sum(clip.origin > one.origin for clip, one in pairs if not clip.running)
-    says += [f"{late} clips began before the strike: samples before it are left out"] if late else []
+    says += [f"{counted(late, 'clip')} began before the strike: samples before it are left out"] if late else []
     unused = list(dict.fromkeys(name for one in raw for name in one.left_out))
     says += [f"columns not used: {', '.join(unused)}"] if unused else []
     commanded = sum(clip.cue is not None for clip in clip_set.clips)
-    return says + ([f"commands of the cue: in {commanded} clips"] if commanded else [])
+    return says + ([f"commands of the cue: in {counted(commanded, 'clip')}"] if commanded else [])

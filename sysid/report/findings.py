@@ -25,13 +25,16 @@ NOTHING_MISSING = "none: nothing is likelier than that the model lacks nothing"
 
 
 def round_rows(seen: Screening) -> list[tuple[str, ...]]:
-    """A round as a table."""
-    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", "miss mm", "held out mm", "")]
-    for trial in seen.fits:
+    """A round as a table, heads first; with misses where shots were fitted whole, and not windows of them."""
+    misses = [_misses_mm(trial.fitted) for trial in seen.fits]
+    heads = ("miss mm", "held out mm") if any(map(any, misses)) else ()
+    rows: list[tuple[str, ...]] = [("candidate", "delta BIC", *heads, "")]
+    for trial, known in zip(seen.fits, misses, strict=True):
         state = "fitted" if trial.converged else "NOT converged: no verdict from it"
-        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", *_misses_mm(trial.fitted), state))
+        rows.append((trial.name, f"{trial.evidence.delta_bic:.0f}", *known[: len(heads)], state))
     for row in unfitted(seen)[: MAX_LISTED - len(seen.fits)]:
-        rows.append((row.candidate.name, f"{predicted_delta_bic(seen, row):.0f}", "", "", "predicted, not fitted"))
+        predicted = f"{predicted_delta_bic(seen, row):.0f}"
+        rows.append((row.candidate.name, predicted, *("",) * len(heads), "predicted, not fitted"))
     return rows
 
 
@@ -212,6 +215,12 @@ def noise_line(noise: float) -> str:
         f"miss: rms distance from the measured to the modelled ball; the tracker's noise alone, {noise * 1e3:.3f} mm "
         f"an axis, leaves {MISS_OVER_AXIS * noise * 1e3:.3f} mm"
     )
+
+
+def miss_line(name: str, fitted: FittedModel) -> str:
+    """The misses of a model in words; of clips held out only where there are some."""
+    used, held_out = _misses_mm(fitted)
+    return f"{name}: miss {used} mm" + (f", held out {held_out} mm" if held_out else "")
 
 
 def _misses_mm(fitted: FittedModel) -> tuple[str, str]:

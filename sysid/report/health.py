@@ -58,6 +58,7 @@ class HealthLine:
     beside: str = "typical"  # what it stands beside
     constant: str = ""  # its name in the model
     brief: str = ""  # for a headline, where measurement and verdict fit into a few words
+    remedy: str = ""  # what to do at the table
 
     def text(self) -> str:
         """As one line, without the source."""
@@ -214,13 +215,14 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
         measured = _measured(abs(found.value) * 1e3, found.sd * 1e3, "mm/m")
         determined = found.narrower_than(2 * limit)
         towards = f"{'+' if found.value > 0 else '-'}{letter}"
-        clear, brief = abs(found.value) - INTERVAL_SDS * found.sd > limit, ""
+        clear, brief, remedy = abs(found.value) - INTERVAL_SDS * found.sd > limit, "", ""
         if not determined:
             verdict = UNDETERMINED
         elif clear:
             lift = f"{abs(found.value) * size * 1e3:.1f} mm"
             verdict = f"downhill towards {towards}: raise that end by {lift}"
-            brief = f"{towards} {('end', 'side')[axis]} {lift} low"
+            low = f"{towards} {('end', 'side')[axis]}"
+            brief, remedy = f"{low} {lift} low", f"raise the {low} by {lift}"
             if axis == 0:
                 verdict += "; nap along the table looks alike, so check with a level first"
                 brief += " (nap along the table looks alike: check with a level)"
@@ -230,7 +232,7 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
             verdict = f"at the limit, downhill towards {towards}: check with a level"
         return HealthLine(
             what, measured, "up to 0.4 mm/m", "fitters' aim; players notice 1.7 mm/m (AzBilliards)", verdict,
-            determined, brief=brief,
+            determined, brief=brief, remedy=remedy,
         )  # fmt: skip
 
     return judge

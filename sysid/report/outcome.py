@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from models.console import Progress, write_json
+from models.messages import counted
 from models.model_file import write_model
 from models.shot import Track
 from sysid.clips import ClipSet
@@ -71,7 +72,7 @@ def write_discovery(
 ) -> None:
     """Write the report of a discovery; `compared` is what `compared_ends` and `compared_with_formula` give."""
     ladder = [Rung(name, fitted.miss, fitted.held_miss, fitted.chi2) for name, fitted in labelled_models(found)]
-    title = f"What {len(clip_set.clips)} clips say about the table"
+    title = f"What {counted(len(clip_set.clips), 'clip')} say{'s' * (len(clip_set.clips) == 1)} about the table"
     notes = discovery_lines(found)
     said = verdict_of(found)
     if doubt := doubt_line(clip_set.folder, camera_doubts(clip_set)):

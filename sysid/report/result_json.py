@@ -98,13 +98,13 @@ def round_json(seen: Screening) -> list[dict[str, Any]]:
     """Candidates of one round, best first: those fitted, then the predictions for the others."""
     fitted = [
         {"effect": t.name, "delta_bic": t.evidence.delta_bic, "held_out_gain": _held_out_gain(seen.base, t.fitted),
-         "fitted": True, "converged": t.converged, "promised": t.score.predicted_improvement, "rms_m": t.fitted.rms,
-         "held_out_rms_m": t.fitted.held_rms, "samples_that_count_as_one": t.evidence.tau}
+         "fitted": True, "converged": t.converged, "predicted_improvement": t.score.predicted_improvement,
+         "rms_m": t.fitted.rms, "held_out_rms_m": t.fitted.held_rms, "samples_that_count_as_one": t.evidence.tau}
         for t in seen.fits
     ]  # fmt: skip
     rest = [
         {"effect": row.candidate.name, "delta_bic": predicted_delta_bic(seen, row), "held_out_gain": None,
-         "fitted": False, "promised": row.predicted_improvement}
+         "fitted": False, "predicted_improvement": row.predicted_improvement}
         for row in unfitted(seen)
     ]  # fmt: skip
     return [*fitted, *rest]

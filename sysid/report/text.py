@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 
 from models.console import table
+from models.messages import counted
 from sysid.residuals.compare import coverage
 from sysid.residuals.comparison import Comparison
 from sysid.residuals.significance import Dependence
@@ -72,15 +73,19 @@ def summary_lines(comparison: Comparison) -> list[str]:
     """Medians of the main figures, in words."""
     s, mm = comparison.summary(), 1e3
     names = ", ".join(e.name() for e in comparison.model.stack()[1:]) or "native MuJoCo contact"
-    lines = [f"{len(comparison.clips)} clips, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}"]
+    lines = [
+        f"{counted(len(comparison.clips), 'clip')}, noise {comparison.noise_m * mm:.2f} mm an axis, model: {names}"
+    ]
     if comparison.slow_noise.sd:
         lines.append(f"in it, {comparison.slow_noise.in_words()}")
     count = len(comparison.segments)
-    lines.append(f"{count} segments between impacts: median rms {s['segment_ratio_median']:.2f} times the noise")
+    lines.append(
+        f"{counted(count, 'segment')} between impacts: median rms {s['segment_ratio_median']:.2f} times the noise"
+    )
     lines.append(f"rms miss of the struck ball over a clip, median: {s['struck_rms_median_m'] * mm:.1f} mm")
     held = sum(c.held_out for c in comparison.clips)
     if held:
-        lines.append(f"the same on {held} clips held out: {s['struck_rms_median_held_out_m'] * mm:.1f} mm")
+        lines.append(f"the same on {counted(held, 'clip')} held out: {s['struck_rms_median_held_out_m'] * mm:.1f} mm")
     return [*lines, engines_line(comparison)]
 
 

@@ -59,6 +59,8 @@ def _headline(found: DiscoveryResult) -> str:
         parts.append(f"Something that no known effect explains: {_located(found.unexplained)}")
         if left := found.unexplained.get("left"):
             parts.append(f"It leaves an error: {_located(left)}")
+        if found.parts.held_out is None:
+            parts.append("This is a hint: no clip is held out to test it, so film more shots")
     headline = ". ".join(parts) or "These clips show nothing that the model lacks"
     return headline if found.converged else f"{headline}. The fit did NOT converge: this is a hint"
 
@@ -126,12 +128,13 @@ def _size(found: DiscoveryResult) -> str:
     """The rms miss before and after, and what the noise leaves."""
     first, last = found.ladder[0], found.explained or found.last
     floor = f"noise alone leaves {millimetres(MISS_OVER_AXIS * found.parts.noise)}"
+    held = math.isfinite(last.held_miss)
     if last is first:
-        return f"the rms miss is {millimetres(first.miss)} (held out {millimetres(first.held_miss)}); {floor}"
-    return (
-        f"the rms miss falls from {millimetres(first.miss)} to {millimetres(last.miss)} "
-        f"(held out {millimetres(first.held_miss)} to {millimetres(last.held_miss)}); {floor}"
-    )
+        beside = f" (held out {millimetres(first.held_miss)})" if held else ""
+        return f"the rms miss is {millimetres(first.miss)}{beside}; {floor}"
+    beside = f" (held out {millimetres(first.held_miss)} to {millimetres(last.held_miss)})" if held else ""
+    goes = "falls" if last.miss < first.miss else "rises"
+    return f"the rms miss {goes} from {millimetres(first.miss)} to {millimetres(last.miss)}{beside}; {floor}"
 
 
 def _certainty(found: DiscoveryResult) -> str:
@@ -170,7 +173,15 @@ def _next_step(found: DiscoveryResult) -> str:
         if all(term["door"] in IMAGE_QUANTITIES for term in found.unexplained["terms"]):
             return f"calibrate the camera again, as what is left is in its picture and not on the table; or {add}"
         return add
-    shot = found.next_shot
+    shot, remedies = found.next_shot, _remedies(found)
+    at_table = f"{' and '.join(remedies)}, then film again" if remedies else ""
     if shot is not None:
-        return f"film this shot ({shot.why}): {shot.in_words()}"
-    return "plan shots with this model; film more clips to find what these do not show"
+        before = f"{at_table}; before that, " if at_table else ""
+        return f"{before}film this shot ({shot.why}): {shot.in_words()}"
+    return at_table or "plan shots with this model; film more clips to find what these do not show"
+
+
+def _remedies(found: DiscoveryResult) -> list[str]:
+    """What to do at the table against the effects that are certain."""
+    certain = [f"{name}." for name in found.verdict if _how_sure(found, name) == "certain"]
+    return [line.remedy for line in health(found.model) if line.remedy and line.constant.startswith(tuple(certain))]

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from models.messages import counted
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import ClipSet
@@ -58,7 +59,7 @@ def compare(clip_set: ClipSet, model: Model, start: Array | None = None) -> Comp
     tracks = problem.tracks(x, np.zeros((n, 0)), np.arange(n))
     fits = fit_segments(clip_set, model, sigma, tracks)
     segments = _segment_rows(fits, clip_set, noise) if fits else ()
-    log.info("%d segments between events", len(segments))
+    log.info("%s between events", counted(len(segments), "segment"))
     used = set(model.fitted.get("clips", ())) if model.fitted else set()
     held = {c.file for c in clip_set.clips} - used if used else set()
     rows = tuple(_clip_row(problem, k, track, clip_set.clips[k].file in held) for k, track in enumerate(tracks))

@@ -79,7 +79,8 @@ class _Scanned:
         values, edges, leaves = self.values, self.edges, self.leaves
         low, high = float(values.min()), float(values.max())
         group = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-        used = [k for k in range(len(edges) - 1) if np.sum(group == k) >= MIN_BLOCKS]
+        fewest = MIN_IMPACTS if self.name[0] == "impacts" else MIN_BLOCKS
+        used = [k for k in range(len(edges) - 1) if np.sum(group == k) >= fewest]
         if not high > low or not used:
             return None
         middle, span = 0.5 * (low + high), np.array([high - low])

@@ -313,13 +313,13 @@ def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidenc
             for t, g in zip(found.terms, found.improvements, strict=True)
         ],
         "curves": [_curve(group, value_of, sd_of) for group in found.groups if group[0].kind == kinds.HAT],
-        "alike": [word for words in found.alike for word in words],
+        "alike": list(dict.fromkeys(word for words in found.alike for word in words)),
         **place,
     }  # fmt: skip
 
 
 def _bridged(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[Term, float]:
-    """Values at a curve's nodes of which the clips tell nothing: on straight lines between the others."""
+    """Values at a curve's nodes that the clips leave undetermined: on straight lines between the others."""
     if group[0].kind != kinds.HAT or not any(math.isfinite(sds[t]) for t in group):
         return {}
     nodes = _nodes(_curve(group, values, sds))
@@ -334,7 +334,7 @@ def _nodes(curve: Mapping[str, Any]) -> Array:
 
 
 def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> str:
-    """A formula in words: terms with their coefficients, curves by their values at the nodes that the clips tell."""
+    """A formula in words: terms with coefficients, curves by their values at the nodes that the clips determine."""
     if group[0].kind != kinds.HAT:
         return "; ".join(f"{QUANTITY_TEXTS[t.quantity]}: {values[t]:+.4g} * ({t.factor})" for t in group)
     curve = _curve(group, values, sds)

@@ -108,7 +108,7 @@ def _added(
     """Add the likeliest of the scored causes.
 
     Scores predict badly where a shot is far from linear. If an unknown function is clearly likelier than the best
-    effect that they lead to, the effect that promises most of all others is fitted as well (`FitView.tried`).
+    effect that they lead to, the effect with the best prediction of all others is fitted as well (`FitView.tried`).
 
     Args:
         view: the fit that lacks it.

@@ -65,7 +65,7 @@ class FitView(ABC):
         """The fit with an additional effect, or with another formula instead of its own."""
 
     def tried(self, score: Score) -> float:
-        """The loss that a fit with a candidate promises, up to a constant: here as its score predicts."""
+        """The predicted loss of a fit with a candidate, up to a constant: here by its score."""
         return -0.5 * score.predicted_improvement
 
     @abstractmethod

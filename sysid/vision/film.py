@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.errors import BadInput
+from models.messages import MessageParts, option
 from models.presets import usual_mass
 from models.recording.live import LiveTrack
 from models.workers.order import report
@@ -80,7 +81,7 @@ class TrackedFilm:
     result: Tracked
     seen: tuple[Details, ...]  # of each shot
     clips: ClipSet | None  # None where there is no shot
-    remarks: tuple[str, ...]  # for the user
+    remarks: tuple[MessageParts, ...]  # for the user
     fps: float  # at which it is read [1/s]
     camera: Camera  # that stands where it does in the film
 
@@ -91,11 +92,14 @@ class TrackedFilm:
 
     def lines(self) -> list[str]:
         """What is said of it: remarks, noise, a table of the clips."""
-        return track_report.lines(self.result, self.remarks, self.seen)
+        return track_report.lines(self.result, self._remarks(), self.seen)
 
     def to_json(self) -> dict[str, Any]:
         """All figures, `billiard-track/1`."""
-        return track_report.to_json(self.video, self.result, self.remarks, self.seen)
+        return track_report.to_json(self.video, self.result, self._remarks(), self.seen)
+
+    def _remarks(self) -> list[str]:
+        return [remark.for_command() for remark in self.remarks]
 
     def write_pictures(self, folder: Path, progress: Callable[[str], None] = lambda line: None) -> list[Path]:
         """Write a picture of each clip into a folder."""
@@ -143,9 +147,10 @@ def track_footage(
     result, seen = details(result, footage, camera, progress, not detector.rough)
     usual, game = usual_mass(camera.diameter)
     mass = taken.mass if taken.mass is not None else usual
-    remarks = [*footage.assumed, *detector.notes, *result.notes]
+    remarks = [MessageParts((text,)) for text in (*footage.assumed, *detector.notes, *result.notes)]
     if taken.mass is None:
-        remarks.append(f"mass {mass:.4f} kg assumed, as of a {game} ball of this size: give the true one with --mass")
+        assumed = f"mass {mass:.4f} kg assumed, as of a {game} ball of this size: give the true one with "
+        remarks.append(MessageParts((assumed, option("mass"))))
     extras = [Extra({n: t.steady for n, t in one.turned.items()}, one.tip) for one in seen]
     clips = clip_set(result, camera, mass, result.picture_rate or footage.fps, extras) if result.shots else None
     return TrackedFilm(footage.name, result, tuple(seen), clips, tuple(remarks), footage.fps, camera)

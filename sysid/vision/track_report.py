@@ -46,7 +46,7 @@ def to_json(video: str, result: Tracked, remarks: Sequence[str], seen: Sequence[
         "noise": {"moving": result.noise.moving, "resting": result.noise.resting, "sigma": result.noise.sigma,
                   "balls": dict(result.noise.balls)},
         "places": {"rms": result.places.rms, **asdict(result.places)},
-        "clips": clips, "left_out": list(result.left_out), "told": list(remarks), "doubts": list(result.doubts),
+        "clips": clips, "left_out": list(result.left_out), "remarks": list(remarks), "doubts": list(result.doubts),
     }  # fmt: skip
 
 
@@ -55,11 +55,11 @@ def _detail(one: Details) -> dict[str, Any]:
     c = one.cue
     cue = None if c is None else {
         "speed": c.speed, "speed_sd": c.speed_sd, "azimuth": c.azimuth, "azimuth_sd": c.azimuth_sd, "side": c.side,
-        "side_sd": c.side_sd, "contact": c.contact, "told": list(c.notes),
+        "side_sd": c.side_sd, "contact": c.contact, "remarks": list(c.notes),
     }  # fmt: skip
     marks = {}
     for name, t in one.turned.items():
-        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "told": list(t.notes), "sidespin": None}
+        marks[name] = {"angles": _count(t.theta), "kept": _count(t.steady), "remarks": list(t.notes), "sidespin": None}
         if (first := t.sidespin) is not None:
             marks[name]["sidespin"] = {
                 "from": first.start, "to": first.end, "value": first.spin, "sd": first.spin_sd,
@@ -98,7 +98,8 @@ def lines(result: Tracked, remarks: Sequence[str], seen: Sequence[Details]) -> l
     """The remarks, the noise, a table of the clips, what was left out, cues and marks."""
     noise = result.noise
     found, balls = len(result.scene.frames), counted(len(result.scene.tracks), "ball")
-    text = [*remarks, f"{balls} tracked over {counted(found, 'frame')}, at {result.rate:.0f} frames/s", noise.text()]
+    frames = f"{counted(found, 'frame')}, {counted(round(result.rate), 'frame')} processed a second"
+    text = [*remarks, f"{balls} tracked over {frames}", noise.text()]
     each = ", ".join(f"{name} {1e3 * sd:.3f} mm" for name, sd in noise.balls.items())
     if each:
         text.append(f"of each moving ball: {each}")

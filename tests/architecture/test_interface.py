@@ -171,6 +171,14 @@ def test_constants_and_speeds_beyond_their_bounds_are_refused() -> None:
         models.simulate(MODEL.with_values({"ball_impact.restitution": 1.7}), speed=1.0)
 
 
+def test_a_path_in_place_of_clips_or_a_model_is_refused_with_what_reads_it() -> None:
+    clips: Any = "clips"
+    with pytest.raises(models.BadInput, match=r"clips is 'clips': give a clip set, such as sysid\.read_clips"):
+        sysid.fit(clips)
+    with pytest.raises(models.BadInput, match=r"model is 'm.toml': give a model, such as models\.load_model"):
+        sysid.compare(sysid.read_clips(EXAMPLE_FOLDER), clips.replace("clips", "m.toml"))
+
+
 def test_results_show_themselves_in_a_line_or_a_short_table() -> None:
     clips, track = sysid.read_clips(EXAMPLE_FOLDER), models.simulate(MODEL, speed=1.0)
     shot = models.Shot(("cue",), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 3)), np.linspace(0, 9, 999))

@@ -90,7 +90,7 @@ def loop(file: Path) -> Figures:
         out |= {f"{row}_{name}": f"{1e3 * block[key]:.0f} mm" for name, key in millimetres.items()}
         out |= {
             f"{row}_potted": f"{block['potted']} of {block['seen']}",
-            f"{row}_predicted": f"{block['promised']:.1f}",
+            f"{row}_predicted": f"{block['predicted']:.1f}",
         }
     return out
 

@@ -123,7 +123,7 @@ def test_options_reach_the_plan(run: Any, asked: Path, tmp_path: Path) -> None:
     assert run(*words, *more, "--foul-cost", "1", "--overwrite").status == 0
     told = read_plan(tmp_path / "p.json")
     assert told["execution"]["azimuth_sd"] == 0.004 and told["execution"]["speed_sd"] == 0.012
-    assert told["wish"] == {"rest": 0.7, "far": 0.3, "foul": 1.0}
+    assert told["weights"] == {"rest": 0.7, "far": 0.3, "foul": 1.0}
     for one in (told, *told["alternatives"]):
         assert 0.9 <= one["launcher"]["cue_speed"] <= 1.3
 

@@ -98,7 +98,8 @@ def test_functions_tell_it_and_carry_it_as_commands_do(place: Path, capsys: pyte
     assert camera_doubts(clips) == (DOUBT,) and f"warning: {TOLD}\n" in capsys.readouterr().err
     with pytest.raises(BadInput):  # no shot is in it
         sysid.track("film.avi", "cam.toml")
-    assert f"warning: {TOLD}\n" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"warning: {TOLD}\n" in said and " ball of this size: give the true one with mass\n" in said
 
 
 def test_views_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -103,8 +103,8 @@ def test_figures_are_those_of_the_shots() -> None:
     assert first["miss_median_m"] == pytest.approx(0.1)
     assert first["from_wanted_median_m"] == pytest.approx(0.2)
     assert second["miss_median_m"] == pytest.approx(0.02 * np.median([0.5, 1.5 - 1 / 3, 1.5]))
-    assert (first["potted"], first["seen"], first["promised"]) == (4, 4, pytest.approx(3.2))
-    assert (second["potted"], second["seen"], second["promised"]) == (3, 3, pytest.approx(2.4))
+    assert (first["potted"], first["seen"], first["predicted"]) == (4, 4, pytest.approx(3.2))
+    assert (second["potted"], second["seen"], second["predicted"]) == (3, 3, pytest.approx(2.4))
     assert first["foreseen_median_m"] == 0.018 and second["scatter_median_m"] == 0.018
     text = text_of(told)
     [row] = [line for line in text.splitlines() if line.startswith("1 to 4 ")]

@@ -178,7 +178,7 @@ def test_a_held_port_names_its_holder_and_lets_status_and_stop_through(run: Run,
             while not struck(device) and time.monotonic() < until:
                 time.sleep(0.01)
             said = run("status", "--port", port)
-            assert said.status == 0 and "strokes, 0 stops" in said.out
+            assert said.status == 0 and ", 0 stops" in said.out
             assert f"robot calibrate (process {series.pid}) holds the port, last with" in said.out
             said = run("home", "--port", port)
             [line] = said.err.splitlines()

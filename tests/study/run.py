@@ -103,7 +103,7 @@ def short(found: dict[str, Any], hidden: Sequence[str]) -> dict[str, Any]:
     """A discovery's result without what the report has no use for."""
     keys = ("verdict", "unexplained", "noise_floor_m", "ladder", "parameters", "pruned", "converged", "doubtful")
     few = [[c for k, c in enumerate(r) if k < KEPT or c["effect"] in hidden] for r in found["rounds"]]
-    wanted = ("effect", "delta_bic", "fitted", "converged", "promised")
+    wanted = ("effect", "delta_bic", "fitted", "converged", "predicted_improvement")
     rounds = [[{k: c[k] for k in wanted if k in c} for c in r] for r in few]
     return {k: found.get(k) for k in keys} | {"rounds": rounds, "discover_s": found["elapsed_s"]}
 

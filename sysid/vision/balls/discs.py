@@ -58,7 +58,7 @@ class Expected:
     xy: Array  # (2,) centre of its outline [pixels]
     step: Array = field(default_factory=lambda: np.zeros(2))  # (2,) from frame to frame [pixels]
     colour: Array | None = None  # (3,) of its face, as it was seen last, in white light, 0 to 1
-    reach: float = 0.0  # that a ball just struck or hit moves at most from frame to frame [pixels]
+    max_move: float = 0.0  # that a ball just struck or hit moves at most from frame to frame [pixels]
 
 
 @dataclass
@@ -103,12 +103,12 @@ def _kernel(radius: float) -> Image:
     return np.asarray(disc / disc.sum() - np.maximum(ring, 0) / np.maximum(ring, 0).sum(), np.float32)
 
 
-def peaks(view: View, colour: Array | None, centre: Array | None = None, reach: float = math.inf) -> list[Array]:
-    """Pixels (2,) where a disc of this colour may be, best first: anywhere, or within `reach` of a pixel (2,)."""
+def peaks(view: View, colour: Array | None, centre: Array | None = None, within: float = math.inf) -> list[Array]:
+    """Pixels (2,) where a disc of this colour may be, best first: anywhere, or `within` so many of a pixel (2,)."""
     x0, x1, y0, y1 = view.geometry.box
     if centre is not None:
-        x0, y0 = (int(max(low, c - reach)) for low, c in zip((x0, y0), centre, strict=True))
-        x1, y1 = (int(min(high, c + reach)) for high, c in zip((x1, y1), centre, strict=True))
+        x0, y0 = (int(max(low, c - within)) for low, c in zip((x0, y0), centre, strict=True))
+        x1, y1 = (int(min(high, c + within)) for high, c in zip((x1, y1), centre, strict=True))
     middle = np.array([x0 + x1, y0 + y1]) / 2
     cell = max(1, int(view.geometry.radius(middle) / CELLS_PER_RADIUS))
     size = columns, rows = (x1 - x0) // cell, (y1 - y0) // cell
@@ -215,7 +215,7 @@ def known_disc(
     far, error = list[DiscFit | None](), 0.0
     if sound is None:
         seen = colour if colour is not None else own
-        swept = strips(view, seen, last, radius, max(expected.reach, SEARCH_RADII * radius), taken)
+        swept = strips(view, seen, last, radius, max(expected.max_move, SEARCH_RADII * radius), taken)
         far = [fit_disc(view, seen, one.xy, radius, part * one.motion) for one in swept for part in TRIED_LENGTHS]
         error = 0.0 if seen is None else cover_sd(view, seen, last)
     found = [fit for fit in fits if fit is not None and acceptable(fit, "known")]

@@ -98,7 +98,7 @@ def _normal_equations(
     matrix[:] = 0.0
     right[:] = 0.0
     length, cosine, sine = _path(motion)
-    window, reach = window_radius * window_radius, (radius + RIM_REACH * RIM_BLUR_PX) ** 2
+    window, rim = window_radius * window_radius, (radius + RIM_REACH * RIM_BLUR_PX) ** 2
     squares = weights = covered_squares = capped = 0.0
     covered = counted = 0
     # Scalars stay in registers, arrays do not: this loop is most of the time that tracking takes.
@@ -113,7 +113,7 @@ def _normal_equations(
             if distance >= window:
                 continue
             d0 = d1 = d2 = model = d4 = d5 = 0.0
-            if distance < reach:
+            if distance < rim:
                 model, d0, d1, d2, d4, d5 = _swept(a, b, radius, length, count)
                 if gain * model > 1.0:
                     model, d0, d1, d2, d4, d5 = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0

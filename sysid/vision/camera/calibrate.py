@@ -179,7 +179,7 @@ def calibrate(
     lines, focal_sd = with_lens(points.lines, float(reading.camera.matrix[0, 0]), unknown, points.sure)
     lines = lines if scene.near else weighed(lines, points.ends, points.shifts)
     if not (lines.camera.matrix[0, 0] > MIN_FOCAL_PX and lines.camera.translation[2] > 0):
-        raise BadInput("no camera sees such a table like this: check --length and --width, or give --corners")
+        raise BadInput("no camera sees such a table like this: check the table's length and width, or give --corners")
     by_sides = bool(np.isfinite(focal_sd))
     found = by_sides or reading.focal_sd < MAX_FITTED_FOCAL_SD
     focal_sd = focal_sd if by_sides or not found else reading.focal_sd

@@ -25,7 +25,7 @@ MAX_BALL_SD = 2.5  # of the size of the balls from that expected
 MAX_CHANGE_M = 8e-3  # of places between the reading and the final camera
 FOV_DEG = (5.0, 125.0)  # of lenses that are not fisheyes, across the longer side of a picture
 MAX_DISTORTION = 0.35  # of the distance from the middle, at the farthest corner of the table
-LENS_REMEDY = "give --corners, or take the lens from a --board"
+LENS_REMEDY = "calibrate with --corners, or with a --board"
 
 
 def evidence(camera: Camera, seen: TableEvidence, reading: CushionReading) -> list[str]:
@@ -95,7 +95,7 @@ def _size_doubts(camera: Camera, seen: TableEvidence, reading: CushionReading) -
     if np.isfinite(ratio) and abs(np.log(ratio)) > MAX_BALL_SD * sd:
         messages.append(
             f"the size of the balls differs by {100 * (ratio - 1):+.0f} % from that expected on such a table: "
-            "check --diameter, --length and --width, or give --corners"
+            "check the sizes of balls and table, or calibrate with --corners"
         )
     return messages
 

@@ -210,6 +210,6 @@ def marker_notes(camera: Camera, markers: Markers, view: MarkerView | None, seen
     if abs(ratio - 1) > max(MAX_PRINT_ERROR, 3 * sd):
         doubts.append(
             f"the markers measure {1e3 * ratio * used.size:.0f} mm, not {1e3 * used.size:.0f}: print them at 100 %, or"
-            " give --marker-size; or check --length and --width"
+            " calibrate with --marker-size; or check the table's length and width"
         )
     return notes, doubts

@@ -29,7 +29,7 @@ SMALL_M = 2e-4  # by which places are moved to see how they depend on the camera
 SMALLER_STEPS = 0.25 ** np.arange(30)  # in the first of these parts of a standard deviation that moves them by less
 ASSUMED_FOCAL = "the focal length is assumed"
 SIDE_BINS = 12  # averages along a side
-TABLE_SIZE_REMEDY = "check --length and --width, or give --corners"
+TABLE_SIZE_REMEDY = "check the table's length and width, or calibrate with --corners"  # kept in the camera's file
 
 
 def with_focal(camera: Camera, focal: float) -> Camera:
@@ -100,13 +100,15 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
                 f" fit the sides better: {TABLE_SIZE_REMEDY}"
             )
         elif only_edge and found_focal and wider.total_sd["margin"] > 0.01:
-            messages.append("the only edge seen may be the outer edge of the cushions: give --fov or --corners")
+            messages.append(
+                "the only edge seen may be the outer one of the cushions: calibrate with --fov or --corners"
+            )
     place_sd = uncertainty(lines)[1]
     if place_sd > MAX_PLACE_SD_M:
         messages.append(f"positions are known to {1e3 * place_sd:.0f} mm only: show more of the sides, or film a board")
     outliers = 1 - float(lines.kept.mean())
     if outliers > MAX_OUTLIER_FRACTION:
-        messages.append(f"{100 * outliers:.0f} % of the edge points lie off the lines: give --corners")
+        messages.append(f"{100 * outliers:.0f} % of the edge points lie off the lines: calibrate with --corners")
     return messages
 
 
@@ -123,7 +125,7 @@ def assumed_focal_doubts(shift: float, focal_sd: float, spread: float) -> list[s
         return []
     return [
         f"{ASSUMED_FOCAL}, and may be wrong by {100 * focal_sd:.0f} %: positions would be wrong by {1e3 * error:.0f}"
-        " mm; give --fov, or film a board"
+        " mm; calibrate with --fov, or film a board"
     ]
 
 

@@ -223,8 +223,8 @@ class Drunk(Effect):
         (Listing, "compiles", ["Listing.forces does not compile", "line ", "write plain arithmetic on numbers"]),
         (Misspelt, "compiles", ["Misspelt.forces uses 'acceleration'", "correct the name"]),
         (Push, "off_is_absent", ["is_off()"]), (Step, "engines_agree", ["differ by", "let `horizon` announce"]),
-        (Step, "jumps_are_told", ["ball.ay by 1 abruptly", "add horizon(self, ball)"]),
-        (Faint, "jumps_are_told", ["abruptly", "speed 0.7 m/s", "add horizon(self, ball)"]),
+        (Step, "jumps_announced", ["ball.ay by 1 abruptly", "add horizon(self, ball)"]),
+        (Faint, "jumps_announced", ["abruptly", "speed 0.7 m/s", "add horizon(self, ball)"]),
         (Idle, "usual_acts", ["no shot is changed"]), (Drunk, "repeatable", ["differs when played again"]),
     ],
 )  # fmt: skip

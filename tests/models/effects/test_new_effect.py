@@ -143,8 +143,8 @@ def test_a_result_becomes_an_effect(capsys: pytest.CaptureFixture[str], tmp_path
     told = {"terms": [term], "what": 'it "does"\n\\', "where": "the cushion at +y: '''its restitution"}
     result = tmp_path / 'a "re\nsult\\.json'
     result.write_text(json.dumps({"unexplained": told}))
-    status, _, err = said(capsys, "new-effect", "dead_rail", "--dir", tmp_path / "own", "--from", result)
-    assert (status, err) == (0, "")
+    status, out, err = said(capsys, "new-effect", "dead_rail", "--dir", tmp_path / "own", "--from", result)
+    assert (status, err) == (0, "") and "state its cause, source and bounds" in out and "replace" not in out
     text = (tmp_path / "own" / "dead_rail.py").read_text()
     assert "hit.restitution += self.cushion_e_rail_2 * (rail == 2)" in text and "exec" not in text
     assert file_faults(tmp_path / "own") == []

@@ -330,6 +330,7 @@ def test_the_demo_names_what_the_example_hides(demo: tuple[Path, str]) -> None:
     assert first[0]["effect"] == hidden[0] and first[0]["delta_bic"] > 5 * first[1]["delta_bic"] > 0
     assert max(row["delta_bic"] for row in last) < 10
     told = [f"missing: {hidden[0]}", "are pulled by", "margin over", "confounded", "Nothing stands out", "next shot"]
+    told += ["In short", "A table that is not level (certain): +x end", "next: raise the +x end by"]
     assert all(words in said for words in told)
     assert said.index("are pulled by") < said.index(hidden[0]) < said.index(TRUTH.name), "what it knows, and when"
 

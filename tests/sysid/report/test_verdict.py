@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,7 @@ from models.effects.cloth.table_tilt import TableTilt
 from models.model_file import Estimate, full_model
 from models.shot import Ball, Table
 from sysid.clips import CueCommand
-from sysid.report.findings import unexplained_lines
+from sysid.report.findings import miss_line, round_rows, unexplained_lines
 from sysid.report.verdict import verdict_of
 from sysid.selection.next_shot import NextShot
 from sysid.selection.stability import Stability
@@ -53,7 +54,22 @@ def test_an_effect_is_told_with_its_size_its_evidence_and_its_next_shot() -> Non
     assert certainty == f"certainty: {told}"
     balls = "the cue ball at x = -1.000, y = 0.200 m, a red at x = 0.000, y = 0.300 m"
     stroke = "strike the cue ball in the middle, to 2.00 m/s, azimuth 0.500 rad (28.6 degrees)"
-    assert step == f"next: film this shot (to separate table_tilt from cloth_nap): {balls}; {stroke}"
+    remedy = "raise the +x end by 2.5 mm, then film again; before that, "
+    assert step == f"next: {remedy}film this shot (to separate table_tilt from cloth_nap): {balls}; {stroke}"
+    assert verdict_of(found("table_tilt")).next_step == "raise the +x end by 2.5 mm, then film again"
+
+
+def test_a_round_has_columns_of_misses_only_where_shots_were_fitted_whole() -> None:
+    def heads(miss: float) -> tuple[str, ...]:
+        fitted, evidence = SimpleNamespace(miss=miss, held_miss=miss), SimpleNamespace(delta_bic=9.0)
+        fit = SimpleNamespace(name="table_tilt", converged=True, evidence=evidence, fitted=fitted)
+        seen: Any = SimpleNamespace(fits=[fit], scores=SimpleNamespace(rows=[]))
+        first, row = round_rows(seen)
+        assert len(first) == len(row)
+        return first
+
+    assert heads(0.001) == ("candidate", "delta BIC", "miss mm", "held out mm", "")
+    assert heads(math.nan) == ("candidate", "delta BIC", "")
 
 
 def test_nothing_missing_is_said_plainly() -> None:
@@ -62,6 +78,18 @@ def test_nothing_missing_is_said_plainly() -> None:
     assert said.missing == "nothing that these clips show; the model suffices"
     assert said.size == "the rms miss is 10.0 mm (held out 11.0 mm); noise alone leaves 0.707 mm"
     assert "nothing is likelier than that the model lacks nothing" in said.certainty
+    for effects, size in (
+        ((), "the rms miss is 10.0 mm"),
+        (("table_tilt",), "the rms miss falls from 10.0 mm to 0.500 mm"),
+    ):
+        seen = found(*effects, held=0)
+        for one in (seen.last, *seen.ladder):
+            one.held_miss = math.nan
+        assert verdict_of(seen).size == f"{size}; noise alone leaves 0.707 mm", "none is held out"
+    one = seen.last
+    assert miss_line("base", one) == "base: miss 0.500 mm"
+    one.held_miss = 0.001
+    assert miss_line("base", one) == "base: miss 0.500 mm, held out 1.000 mm"
     assert said.next_step.startswith("plan shots")
 
 
@@ -77,6 +105,15 @@ def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:
     assert "sysid new-effect NAME --from result.json" in said.next_step
     both = verdict_of(found("table_tilt", unexplained=FORMULA | {"form": None, "depends_on": [], "terms": []}))
     assert both.missing.endswith("rad), and beside it something outside the catalogue: rolling on the cloth")
+
+
+def test_what_is_outside_the_catalogue_is_a_hint_where_no_clip_tests_it() -> None:
+    explained = SimpleNamespace(miss=0.0107, held_miss=math.nan)
+    said = verdict_of(found(unexplained=FORMULA, explained=explained, held=0))
+    assert said.headline.endswith(
+        "rolling on the cloth. This is a hint: no clip is held out to test it, so film more shots"
+    )
+    assert said.size == "the rms miss rises from 10.0 mm to 10.7 mm; noise alone leaves 0.707 mm"
 
 
 def test_what_is_left_has_its_size_and_a_picture_is_calibrated_again() -> None:

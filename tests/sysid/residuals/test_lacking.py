@@ -90,9 +90,18 @@ def impacts(jump: Callable[[Array, Array], Array], count: int = 120) -> Impacts:
     )  # fmt: skip
 
 
-def at_rails(jump: Callable[[Array, Array], Array]) -> Lacking:
-    one = dataclasses.replace(rolled(lambda xy, way, speed: np.zeros_like(xy), balls=6), impacts=impacts(jump))
+def at_rails(jump: Callable[[Array, Array], Array], count: int = 120) -> Lacking:
+    rolling = rolled(lambda xy, way, speed: np.zeros_like(xy), balls=6)
+    one = dataclasses.replace(rolling, impacts=impacts(jump, count))
     return lacking(one, one)
+
+
+def test_a_few_impacts_at_each_speed_are_points_beside_the_curve() -> None:
+    seen = at_rails(lambda rail, approach: -0.05 * (approach - 1.0), count=24)
+    curve = next(one.found for one in seen.curves if one.found.of == "impacts")
+    where, value, sd = curve.data.T
+    assert len(where) >= 3 and np.ptp(where) > 1.0, "four impacts are a group, as elsewhere"
+    assert (np.abs(value + 0.05 * (where - 1.0)) < 5 * sd).all()
 
 
 def test_a_lively_rail_is_that_rail() -> None:

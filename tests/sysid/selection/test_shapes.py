@@ -41,7 +41,9 @@ def test_a_curve_along_one_cushion_says_along_which() -> None:
     (only,) = told["curves"]
     assert only["quantity"] == "change of the cushion's friction where rail == 2"
     push = curve("push_x", "y", -0.8, 0.8, 4)
-    (plain,) = describe(SparseFormula(push, (1.0,) * 5, np.full(5, 0.01)), None, None)["curves"]
+    told = describe(SparseFormula(push, (1.0,) * 5, np.full(5, 0.01), (("by ball", "by speed"),) * 5), None, None)
+    (plain,) = told["curves"]
+    assert told["alike"] == ["by ball", "by speed"], "once for a curve, not once for each of its terms"
     assert plain["quantity"] == "push along x [m/s^2], 5/7 of it on rolling balls"
 
 
