@@ -82,12 +82,12 @@ def split_shots(scene: TrackedScene) -> FoundShots:
     for move in (m for m in moves if m.place is None):
         what = "was already moving when the video begins" if move.began <= scene.frames[0] + MIN_REST_DETECTIONS else ""
         unstruck.append(Unstruck(move.began, f"{move.name} {what or 'was set in motion unseen'}"))
-    for group in _groups(scene, [m for m in moves if m.place is not None and not _caused(scene, m, moves)]):
+    for group in _groups(scene, _uncaused(scene, [move for move in moves if move.place is not None], moves)):
         struck = _struck(group)
         why = _fault(scene, struck)
         if why:
             notes.append((scene.time_of(struck.began), f"{struck.name} {why}"))
-        alone = [m.name for m in group if m not in _set_in_motion(scene, struck, group)]
+        alone = [m.name for m in group if m not in _set_in_motion(scene, [struck], group)]
         if alone and not why:  # a cue strikes one ball
             names = " and ".join([struck.name, *alone])
             unstruck.append(Unstruck(struck.began, f"{names} were set in motion together by something unseen"))
@@ -145,6 +145,13 @@ def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
     )
 
 
+def _uncaused(scene: TrackedScene, begun: Sequence[Move], moves: Sequence[Move]) -> list[Move]:
+    """Those balls that no ball in motion set in motion, nor one at rest that it hit, as in a rack."""
+    caused = [move for move in begun if _caused(scene, move, moves)]
+    set_in_motion = _set_in_motion(scene, caused, begun)
+    return [move for move in begun if move not in set_in_motion]
+
+
 def _well_before(scene: TrackedScene, other: Move, move: Move) -> bool:
     """Whether a ball had gone by half a radius when another was still seen at rest."""
     if other.place is None or move.place is None:
@@ -188,11 +195,12 @@ def _struck(group: Sequence[Move]) -> Move:
     return min(group, key=mismatch)
 
 
-def _set_in_motion(scene: TrackedScene, struck: Move, group: Sequence[Move]) -> list[Move]:
-    """Those of a group that the struck ball, or one that it set in motion, can have reached before they moved."""
-    found, left = [struck], [move for move in group if move is not struck]
+def _set_in_motion(scene: TrackedScene, first: Sequence[Move], moves: Sequence[Move]) -> list[Move]:
+    """Balls that move at first, and those that these, or others that they set in motion, can have reached by then."""
+    found = list(first)
+    left = [move for move in moves if move not in found]
     for one in found:
-        hit = [move for move in left if _reaches(scene, one, move)]
+        hit = [move for move in left if _simultaneous(scene, one, move) and _reaches(scene, one, move)]
         found += hit
         left = [move for move in left if move not in hit]
     return found
