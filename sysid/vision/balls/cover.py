@@ -159,9 +159,9 @@ def cover_by(discs: Sequence[DiscFit], columns: Array, rows: Array) -> Image:
     return np.asarray(1 - free)
 
 
-def _cover_at(disc: DiscFit, x: Array, y: Array) -> Array:
+def _cover_at(disc: DiscFit, x: Array, y: Array) -> Image:
     """Cover by a disc at offsets (n,) from its middle [pixels]: (n,), at most all of a pixel."""
-    return np.minimum(disc.gain * swept_share(x, y, disc.radius, disc.motion), 1.0)
+    return np.minimum(disc.gain * swept_share(x, y, disc.radius, disc.motion), 1.0).astype(np.float32)
 
 
 def fit_disc(

@@ -137,7 +137,7 @@ def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
     """Whether a ball was set in motion by one that was moving already."""
     return any(
         other.name != move.name
-        and (other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period or _well_before(scene, other, move))
+        and other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period
         and other.began <= move.began
         and (other.ended >= move.before - 1 or other.lost)
         and _may_touch(scene, other, move)
@@ -150,14 +150,6 @@ def _uncaused(scene: TrackedScene, begun: Sequence[Move], moves: Sequence[Move])
     caused = [move for move in begun if _caused(scene, move, moves)]
     set_in_motion = _set_in_motion(scene, caused, begun)
     return [move for move in begun if move not in set_in_motion]
-
-
-def _well_before(scene: TrackedScene, other: Move, move: Move) -> bool:
-    """Whether a ball had gone by half a radius when another was still seen at rest."""
-    if other.place is None or move.place is None:
-        return False
-    k = int(np.searchsorted(other.track.frame, move.before, side="right")) - 1
-    return k >= other.first and float(np.linalg.norm(other.track.xy[k] - other.place)) > scene.radius / 2
 
 
 def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
