@@ -237,21 +237,22 @@ def acceptable(fit: DiscFit | None, kind: str, error: float = 0.0) -> bool:
 
 
 def _rim(view: View, colour: Array | None, fit: DiscFit, others: Sequence[DiscFit] = ()) -> float:
-    """Fraction of the sectors of a rim where cover falls outwards, weighed by how still the rim is there."""
+    """Fraction of the sectors of a rim where cover falls outwards, or other balls are around."""
     angles = np.arange(SECTORS) * 2 * math.pi / SECTORS
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
     ends = np.sign(ways @ fit.motion)[:, None] * fit.motion / 2
     h, w = view.picture.shape[:2]
-    values = []
+    values, others_there = [], np.zeros(SECTORS, bool)
     for part in RING_RADII:
         # A swept disc covers its two ends less; the flanks of its path are as sharp as at rest.
         places = np.rint(fit.xy + (ends if part > 1 else 0.5 * ends) + part * fit.radius * ways).astype(int)
         column, row = places[:, 0].clip(0, w - 1), places[:, 1].clip(0, h - 1)
         table = view.table[row, column][None] * view.gain.astype(np.float32)
-        seen = covered(view.picture[row, column][None].astype(np.float32), table, colour)[0]
-        for one in others:
-            seen = _left(seen, _cover_at(one, *(places - one.xy).T.astype(float)))
-        values.append(seen)
+        values.append(covered(view.picture[row, column][None].astype(np.float32), table, colour)[0])
+    for one in others:
+        around = replace(one, radius=RING_RADII[1] * one.radius)
+        others_there |= _cover_at(around, *(places - one.xy).T.astype(float)) > 0.5
     swept = 1.0 / (1.0 + math.hypot(*fit.motion) / (2 * fit.radius))
     # In dim light, or turned from the lamp, all of a ball seems to cover less.
-    return float((values[0] - values[1] > MIN_CONTRAST * swept * min(fit.height, 1.0)).mean())
+    contrast = values[0] - values[1] > MIN_CONTRAST * swept * min(fit.height, 1.0)
+    return float((contrast | others_there).mean())

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
-from sysid.vision.balls.candidates import candidates, motion_blurred
+from sysid.vision.balls.candidates import motion_blurred
 from sysid.vision.balls.cover import DiscFit, acceptable, cover_sd, covered, fit_disc, is_white, swept_share
-from sysid.vision.balls.packs import apart, disc_at, together, with_packs
+from sysid.vision.balls.packs import apart, disc_at, pack_starts, together, with_packs
 from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
@@ -148,8 +148,7 @@ def new_discs(
         apart = all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found)
         if apart and view.geometry.on_bed(fit.xy):
             found.append(fit)
-    starts = candidates(view) if starts is None else starts
-    return with_packs(view, shown, found, starts, kind, taken)
+    return with_packs(view, shown, found, pack_starts(view) if starts is None else starts, kind, taken)
 
 
 def is_disc(view: View, pixel: Array, *, patterned: bool = False) -> bool:

@@ -1,19 +1,22 @@
 """Balls that touch each other, as in a rack: a blob that one disc does not explain is explained by several.
 
 In: a picture beside the background, and where discs may be. Out: `DiscFit`s. Every disc is fitted to the cover that the
-others leave, in turn, until none moves any more: coordinate descent of their joint squares. Then each is judged as a
-single one is, by the cover that the others leave; the worst that is no ball goes, and those beside it settle anew.
+others leave, in turn, until none moves any more; the others cover as much as balls of their known size do. Then each is
+judged as a single one is; the worst that is no ball goes, and those beside it settle anew.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sysid.vision.balls.background import View
+from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import RING_RADII, SAME_PLACE_PX, DiscFit, acceptable, covered, fit_disc
+from sysid.vision.balls.intruders import intruding, shows
 from sysid.vision.balls.view_geometry import Array
 
 REACH_RADII = 1.0 + RING_RADII[1]  # between two centres, within which one covers a part of the other's surroundings
@@ -25,6 +28,13 @@ def disc_at(view: View, pixel: Array, motion: Array | None = None) -> DiscFit:
     """The disc of a ball at a pixel (2,) that moves by `motion` (2,) [pixels], before it is fitted."""
     still = np.zeros(2) if motion is None else motion
     return DiscFit(np.asarray(pixel), view.geometry.radius(pixel), still, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+def pack_starts(view: View) -> list[Array]:
+    """Pixels (2,) where balls that touch others may be: centres of outlines, but not of an arm's pieces."""
+    starts = candidates(view)
+    hidden = shows(intruding(view), np.reshape(starts, (-1, 2)))
+    return [at for at, inside in zip(starts, hidden, strict=True) if not inside]
 
 
 def with_packs(
@@ -67,12 +77,15 @@ def together(
             before, beside = now[k], [j for j in now if j != k and _reaches(now[j], now[k])]
             others = [*(now[j] for j in beside), *(one for one in fixed if _reaches(one, before))]
             radius = view.geometry.radius(before.xy)
-            fit = fit_disc(view, colours[k], before.xy, radius, before.motion, before.gain, others=others)
-            if fit is None:
+            # Of known size: one that grows over its shadow takes nothing from its neighbours.
+            sized = [replace(one, radius=view.geometry.radius(one.xy)) for one in others]
+            fit = fit_disc(view, colours[k], before.xy, radius, before.motion, before.gain, others=sized)
+            if fit is None or not acceptable(fit, "known"):  # it will be none when all have settled
                 del now[k]
-            else:
-                now[k] = fit
-            if fit is None or math.hypot(*(fit.xy - before.xy)) > SAME_PLACE_PX:
+                waiting += [j for j in beside if j not in waiting]
+                continue
+            now[k] = fit
+            if math.hypot(*(fit.xy - before.xy)) > SAME_PLACE_PX:
                 waiting += [j for j in beside if j not in waiting]
         bad = [k for k, fit in now.items() if not _is_ball(view, fit, kind, [now[j] for j in now if j != k])]
         if not bad:

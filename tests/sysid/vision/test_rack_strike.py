@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.track import tracked
-from tests.sysid.vision.test_follow import CAMERA
+from tests.support.followed_balls import CAMERA
 
 
 def test_balls_of_a_rack_are_set_in_motion_through_one_another() -> None:
