@@ -43,8 +43,8 @@ MAX_MISSED_FRAMES = 2  # in a row, after which it is undone if unconfirmed
 MIN_TRACK_DETECTIONS = 10  # of a track that is returned
 UNCONFIRMED_HYPOTHESES = ("jump", "again")  # that need further detections
 MIN_SEPARATION_RADII = 1.2  # between the detections of two balls
-# Of the colours that a ball shows about their mean, as it turns, in other light or under a hand (Cauchy). In ten films of
-# a match and a webcam the median of moving balls was 0.006 to 0.07, mostly 0.02 to 0.05; any from 0.02 to 0.1 will do.
+# Of a ball's colours about their mean, as it turns, in other light or under a hand (Cauchy). In ten films the median of
+# moving balls was 0.006 to 0.07, mostly 0.02 to 0.05; any scale from 0.02 to 0.1 gives nearly the same tracks.
 FACE_COLOUR_SCALE = 0.03
 COLOUR_MEMORY = 0.1  # part of a detection in the mean colour
 CONVERSION_BATCH = 4000  # detections projected to the table at a time

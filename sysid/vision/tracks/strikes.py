@@ -30,13 +30,11 @@ from sysid.vision.tracks.moves import (
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-MAX_LULL_S = 1.0  # without motion, after which a shot is over
 TOUCH_RADII = 2.2  # between balls that may touch: two radii, and what is uncertain about them
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
 MIN_BEHIND_COSINE = 0.87  # of the angle between the velocity of a ball and the line from the ball that pushed it
 # A ball that is struck at the utmost height, half a radius above its middle, rolls at 5/7 + 2/7 * 5/4 of its speed.
 MAX_ROLLING_GAIN = 1.08
-MIN_CLIP_DETECTIONS = 5  # of what moves, that hold more values than the start of a stroke: place, velocity and spin
 
 
 @dataclass(frozen=True)
@@ -279,12 +277,6 @@ def _shot(
     seen, why = balls_there(scene, (struck.name,), first, last, after)
     if seen is None:
         return None, why
-    shown = sum(
-        int(((m.track.frame >= max(first, m.began)) & (m.track.frame <= min(m.ended, last))).sum())
-        for m in (struck, *after)
-    )
-    if shown < MIN_CLIP_DETECTIONS:
-        return None, f"{shown} detections of what moves are too few"
     remarks += [*ends, *seen.remarks]
     speed = float(np.linalg.norm(struck.velocity))
     return TrackedShot(struck.name, time, first, last, seen.names, speed, seen.potted, tuple(remarks)), ""
@@ -293,10 +285,8 @@ def _shot(
 def ending(scene: TrackedScene, first: int, covered: int, after: Sequence[Move], limit: int) -> tuple[int, list[str]]:
     """The last frame of a clip whose first moves end at frame `covered`, others coming after, and what to say of it."""
     for move in sorted(after, key=lambda m: m.began):
-        # The ball that sets the next one in motion may be hidden.
-        if scene.time_of(move.began) - scene.time_of(covered) < (
-            MAX_LULL_S if move.place is not None else 1.5 * scene.period
-        ):
+        # The ball that sets one at rest in motion may be hidden.
+        if move.place is not None or scene.time_of(move.began) - scene.time_of(covered) < 1.5 * scene.period:
             covered = max(covered, min(move.ended, limit))
     last = min(
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit
