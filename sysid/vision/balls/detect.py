@@ -37,7 +37,7 @@ from sysid.vision.balls.outline_fit import (
     fit_near,
     plausible,
 )
-from sysid.vision.balls.packs import disc_at, pack_starts
+from sysid.vision.balls.packs import disc_at, searched
 from sysid.vision.balls.palette import Palette, ball_colour, colour_distance
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.camera.projection import Camera
@@ -130,10 +130,10 @@ class Detector:
             small = view.geometry.radius(np.array(self.camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
             fits = new_discs(view, None, kind="small" if small else "new", taken=taken)
             return [self._unnamed(view, fit) for fit in fits]
-        starts = pack_starts(view)
+        shown = searched(view)
         for name, colour in self.ball_colours:
             shown_at = partial(self._in_picture, view, colour)
-            for fit in new_discs(view, self._in_picture(view, colour), shown_at, taken=taken, starts=starts):
+            for fit in new_discs(view, self._in_picture(view, colour), shown_at, taken=taken, picture=shown):
                 found += self._named_disc(view, name, fit, found)
         return found
 

@@ -18,7 +18,8 @@ import numpy as np
 from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import motion_blurred
 from sysid.vision.balls.cover import DiscFit, acceptable, cover_sd, covered, fit_disc, is_white, swept_share
-from sysid.vision.balls.packs import apart, disc_at, pack_starts, together, with_packs
+from sysid.vision.balls.intruders import is_part
+from sysid.vision.balls.packs import Searched, apart, disc_at, searched, together, with_packs
 from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
@@ -127,20 +128,19 @@ def peaks(view: View, colour: Array | None, centre: Array | None = None, within:
 
 def new_discs(
     view: View, colour: Array | None, shown_at: Callable[[Array], Array] | None = None, kind: str = "new",
-    taken: Sequence[DiscFit] = (), starts: Sequence[Array] | None = None,
+    taken: Sequence[DiscFit] = (), picture: Searched | None = None,
 ) -> list[DiscFit]:  # fmt: skip
     """Balls of this colour anywhere on the bed, not moving fast, but for those taken.
 
-    `shown_at` is the colour in the light at a pixel (2,); `starts` are the centres (2,) of outlines, where balls that
-    touch others begin.
+    `shown_at` is the colour in the light at a pixel (2,). Pieces of what comes in over a cushion, as an arm, are none.
     """
 
     def shown(at: Array) -> Array | None:
         return colour if shown_at is None else shown_at(at)
 
-    fits = []
+    fits, picture = [], picture or searched(view)
     for at in peaks(view, colour):
-        if any(np.hypot(*(at - other.xy)) < other.radius for other in taken):
+        if any(np.hypot(*(at - other.xy)) < other.radius for other in taken) or is_part(picture.intruders, view, at):
             continue
         fits.append(fit_disc(view, shown(at), at, view.geometry.radius(at), np.zeros(2)))
     found: list[DiscFit] = []
@@ -148,7 +148,7 @@ def new_discs(
         apart = all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found)
         if apart and view.geometry.on_bed(fit.xy):
             found.append(fit)
-    return with_packs(view, shown, found, pack_starts(view) if starts is None else starts, kind, taken)
+    return with_packs(view, shown, found, picture.starts, kind, taken)
 
 
 def is_disc(view: View, pixel: Array, *, patterned: bool = False) -> bool:

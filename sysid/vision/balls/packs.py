@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import RING_RADII, SAME_PLACE_PX, DiscFit, acceptable, covered, fit_disc
 from sysid.vision.balls.intruders import intruding, shows
-from sysid.vision.balls.view_geometry import Array
+from sysid.vision.balls.view_geometry import Array, Mask
 
 REACH_RADII = 1.0 + RING_RADII[1]  # between two centres, within which one covers a part of the other's surroundings
 MIN_DISTANCE_RADII = 1.6  # on the table: balls that touch have 2, less a cell of `CoarseGrid` at either end
@@ -30,11 +30,19 @@ def disc_at(view: View, pixel: Array, motion: Array | None = None) -> DiscFit:
     return DiscFit(np.asarray(pixel), view.geometry.radius(pixel), still, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
-def pack_starts(view: View) -> list[Array]:
-    """Pixels (2,) where balls that touch others may be: centres of outlines, but not of an arm's pieces."""
-    starts = candidates(view)
-    hidden = shows(intruding(view), np.reshape(starts, (-1, 2)))
-    return [at for at, inside in zip(starts, hidden, strict=True) if not inside]
+@dataclass(frozen=True)
+class Searched:
+    """What a picture shows in which balls are sought: what comes in over cushions, and where balls may touch others."""
+
+    intruders: Mask  # (h, w)
+    starts: Sequence[Array]  # pixels (2,): centres of outlines, but for those of an arm's pieces
+
+
+def searched(view: View) -> Searched:
+    """What a picture shows in which balls are sought."""
+    starts, intruders = candidates(view), intruding(view)
+    hidden = shows(intruders, np.reshape(starts, (-1, 2)))
+    return Searched(intruders, [at for at, inside in zip(starts, hidden, strict=True) if not inside])
 
 
 def with_packs(
