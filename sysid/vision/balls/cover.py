@@ -200,7 +200,7 @@ def _fit_around(
     seen = _left(covered(window, table, colour), taken)
     fit = _settled(seen, corner, start, radius, motion, gain, shading_sd, steps)
     if fit is not None and colour is None:
-        own = _own_colours(window, fit.xy - corner, radius, motion)
+        own = _own_colours(window, fit.xy - corner, min(radius, fit.radius), motion)
         seen = _left(cover(window, table, own), taken)
         fit = _settled(seen, corner, fit.xy, radius, motion, gain, shading_sd, steps)
     return fit
