@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import pytest
 
 from models.shot import Array, Table
-from sysid.vision.balls.detect import Detection
+from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import Palette, default_palette, pool_palette
+from sysid.vision.balls.palette import default_palette, pool_palette
 from sysid.vision.frames import Picture
 from tests.footage.cameras import overhead
 from tests.footage.film import BALLS, Look, Spot, film
@@ -60,21 +62,29 @@ def missed(seen: list[Detection], racked: Array) -> tuple[Array, int]:
 TRIANGLE, RHOMBUS = (1, 2, 3, 4, 5), (1, 2, 3, 2, 1)
 
 
+@cache
+def learnt_rack(
+    rows: tuple[int, ...], colours: tuple[str, ...], *, pool: bool
+) -> tuple[Array, list[Picture], Detector]:
+    """Places (n, 2) [m] of a rack's balls, its film, and what is learnt of it."""
+    racked = rack(rows, (0.1, 0.03))
+    pictures = filmed({f"{c}_{k}": c for k, c in enumerate(colours)}, racked, numbers=pool)
+    with TemporaryDirectory() as folder:
+        footage = footage_of(Path(folder), pictures)
+        return racked, pictures, learn_detector(CAMERA, footage, pool_palette() if pool else default_palette())
+
+
 @pytest.mark.parametrize(
-    ("rows", "colours", "palette"),
+    ("rows", "colours", "pool"),
     [
-        (TRIANGLE, ("red",) * 15, default_palette()),
-        (TRIANGLE, RACK, pool_palette()),
-        (RHOMBUS, SEVERAL, pool_palette()),
-        (RHOMBUS, SEVERAL, default_palette()),
+        (TRIANGLE, ("red",) * 15, False),
+        (RHOMBUS, SEVERAL, True),
+        pytest.param(TRIANGLE, RACK, True, marks=pytest.mark.slow),
+        pytest.param(RHOMBUS, SEVERAL, False, marks=pytest.mark.slow),
     ],
 )
-def test_every_ball_of_a_rack_is_found(
-    rows: tuple[int, ...], colours: tuple[str, ...], palette: Palette, tmp_path: Path
-) -> None:
-    racked = rack(rows, (0.1, 0.03))
-    pictures = filmed({f"{c}_{k}": c for k, c in enumerate(colours)}, racked, numbers=palette.patterned)
-    detector = learn_detector(CAMERA, footage_of(tmp_path, pictures), palette)
+def test_every_ball_of_a_rack_is_found(rows: tuple[int, ...], colours: tuple[str, ...], pool: bool) -> None:
+    racked, pictures, detector = learnt_rack(rows, colours, pool=pool)
     for picture in pictures[::6]:
         seen = detector.find(picture)
         for _ in range(4):  # found anew, then followed from where they were found
@@ -84,11 +94,9 @@ def test_every_ball_of_a_rack_is_found(
             seen = detector.find(picture, [Expected(one.name, one.xy + 0.5) for one in seen])
 
 
-def test_pieces_of_an_arm_are_no_rack(tmp_path: Path) -> None:
+def test_pieces_of_an_arm_are_no_rack() -> None:
     """A sleeve comes in over the lower cushion, and ends in a fist whose knuckles are round."""
-    racked = rack(RHOMBUS, (0.1, 0.03))
-    pictures = filmed({f"{c}_{k}": c for k, c in enumerate(SEVERAL)}, racked, numbers=True)
-    detector = learn_detector(CAMERA, footage_of(tmp_path, pictures), pool_palette())
+    racked, pictures, detector = learnt_rack(RHOMBUS, SEVERAL, pool=True)
     with_arm, skin, r = pictures[0].copy(), (120, 150, 200), 12
     cv2.line(with_arm, (200, 379), (200, 300), skin, 2 * r, cv2.LINE_AA)
     for knuckle in ((188, 290), (212, 290), (176, 270), (200, 269), (224, 270)):
