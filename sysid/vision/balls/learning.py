@@ -19,6 +19,7 @@ from sysid.vision.balls.detect import Detector, outline_colour
 from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import are_patterned, face
+from sysid.vision.balls.intruders import intruding
 from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.outline_fit import (
     OutlineFit,
@@ -86,7 +87,9 @@ def learn_detector(
     size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
     optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
 
-    background, resting = learn_background(geometry, pictures, lambda view: resting_balls(view, optics, palette))
+    background, resting = learn_background(
+        geometry, pictures, lambda view: resting_balls(view, optics, palette), intruding
+    )
     progress("estimating the colours of the balls")
     views = [background.view(picture) for picture in pictures]
     found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
