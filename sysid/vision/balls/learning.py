@@ -135,9 +135,14 @@ def learn_detector(
 
 
 def _no_arms(view: View, found: Sequence[OutlineFit]) -> list[OutlineFit]:
-    """The outlines without those of pieces of an arm."""
-    intruders, places = intruding(view), [fit.xy for fit in found]
-    return [fit for k, fit in enumerate(found) if not is_part(intruders, view, fit.xy, places[:k] + places[k + 1 :])]
+    """The outlines without those of pieces of an arm, which no ball beside them explains."""
+    intruders, kept = intruding(view), list[OutlineFit]()
+    while more := [
+        fit for fit in found
+        if all(fit is not one for one in kept) and not is_part(intruders, view, fit.xy, [one.xy for one in kept])
+    ]:  # fmt: skip
+        kept += more
+    return kept
 
 
 def _patterned_detector(

@@ -75,6 +75,16 @@ def test_an_arm_that_stays_for_most_of_a_film_is_no_part_of_the_table() -> None:
     assert uncovered < 1.5 * elsewhere
 
 
+def test_knuckles_are_no_balls_to_learn_from(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    pictures = shown(camera, ("white",), np.array([[(-0.3 + 0.05 * k, 0.1)] for k in range(12)]))
+    for picture in pictures[:9]:
+        cv2.line(picture, (200, 359), (200, 200), (120, 150, 200), 24, cv2.LINE_AA)
+        for knuckle in ((189, 192), (211, 192), (200, 182)):
+            cv2.circle(picture, knuckle, 10, (110, 140, 190), -1, cv2.LINE_AA)
+    assert [name for name, _ in learnt(tmp_path / "f", camera, pictures).ball_colours] == ["white"]
+
+
 def snooker_from_afar(number: int) -> Camera:
     """The camera of a random film, in which balls have 4 pixels in radius."""
     one = recipe(number)
