@@ -2,11 +2,13 @@
 
 In: pictures with balls on the table. Out: `Background`, and `View`, a picture beside it. The colour of the bed is a
 smooth surface over the picture, fitted to most of its pixels. The background is what every pixel shows most of the
-time; where a ball rests all the time it is mended with that surface, on a cushion with the cushion beside.
+time; where an arm is seen most of the time, what the pictures show that are nearest to that surface; and where a ball
+rests all the time it is mended with that surface, on a cushion with the cushion beside.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +25,7 @@ from sysid.vision.frames import Picture
 BED_COLOUR_DEGREE = 4  # of the polynomial that is the colour of the bed
 MENDED_RADII = 1.35  # about the centre of a resting ball that are painted over
 SURROUND_RADII = 2.2  # about it that show the colour of the cloth
+MIN_BED_FRACTION = 0.1  # of the pictures, that show the bed where an arm hides it in the others
 CUSHION_OFFSET_RADII = 3.0  # along a cushion to the part that replaces a hidden one
 LIGHT_PROBE_PIXELS = 600  # of the bed, that give the light of a frame
 MIN_NOISE_GREY = 0.5  # of a picture [grey levels]: rounding alone makes 0.3
@@ -217,20 +220,40 @@ def _background_of(geometry: ViewGeometry, picture: Image, smooth: Image, pictur
     return replace(plain, noise=max(noise, MIN_NOISE_GREY))
 
 
+def _uncovered(geometry: ViewGeometry, picture: Image, smooth: Image, pictures: Sequence[Picture], arms: Mask) -> Image:
+    """The picture (h, w, 3) with the bed where arms (h, w) hide it most of the time, from pictures that show it."""
+    reach = math.ceil(geometry.radius(np.array(arms.shape[::-1]) / 2))  # an arm that moves has a blurred outline
+    near = cv2.dilate(arms.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
+    rows, columns = np.nonzero(near & geometry.bed)
+    seen = np.stack([p[rows, columns] for p in pictures])
+    off = np.array([np.abs(one - smooth[rows, columns]).max(axis=1) for one in seen])
+    nearest = np.argsort(off, axis=0, kind="stable")[: math.ceil(MIN_BED_FRACTION * len(pictures))]
+    out = picture.copy()
+    out[rows, columns] = np.take_along_axis(seen, nearest[..., None], axis=0).mean(axis=0)
+    return out
+
+
 def learn_background(
-    geometry: ViewGeometry, pictures: Sequence[Picture], find: Callable[[View], Sequence[Array]]
-) -> tuple[Background, int]:
+    geometry: ViewGeometry, pictures: Sequence[Picture], find: Callable[[View], Sequence[Array]],
+    arms: Callable[[View], Mask],
+) -> tuple[Background, int]:  # fmt: skip
     """The background from pictures with balls on the table, and how many balls are at rest in most of them.
 
-    `find` gives the pixels (2,) at which balls are centred.
+    `find` gives the pixels (2,) at which balls are centred, `arms` those (h, w) of the bed that something hides.
     """
     median = _median_picture(pictures, geometry.box)
     smooth = _bed_colour(geometry, median)
     noise = _background_of(geometry, median, smooth, pictures).noise / len(pictures) ** 0.5
-    # Balls at rest all the time stand out against the fitted colour of the bed.
+    # Balls at rest all the time, and arms, stand out against the fitted colour of the bed.
     bed = np.where(geometry.bed[..., None], smooth, median).astype(np.float32)
-    still = np.rint(median).clip(0, 255).astype(np.uint8)
-    resting = find(View(geometry, still, bed, np.ones(3), max(noise, MIN_NOISE_GREY), coarse_grid(geometry, bed)))
+    grid = coarse_grid(geometry, bed)
+
+    def view(picture: Image) -> View:
+        still = np.rint(picture).clip(0, 255).astype(np.uint8)
+        return View(geometry, still, bed, np.ones(3), max(noise, MIN_NOISE_GREY), grid)
+
+    median = _uncovered(geometry, median, smooth, pictures, arms(view(median)))
+    resting = find(view(median))
     return _background_of(geometry, _mended(geometry, median, smooth, resting), smooth, pictures), len(resting)
 
 

@@ -15,6 +15,7 @@ clipped shows no such shading.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -45,6 +46,9 @@ SIZE_SD_FRACTION = 0.03  # of the radius, standard deviation
 SECTORS = 24  # of the rim, of which each is seen or not
 RING_RADII = (0.72, 1.32)  # within and beyond the rim where a sector is judged
 MIN_CONTRAST = 0.4  # of cover across the rim, relative to that of the disc, of a sector that is seen
+MIN_RIM = {"new": 0.75, "small": 0.75, "known": 0.5, "swept": 0.5}  # a small ball of any colours, one that moved far
+MIN_HEIGHT = {"new": 0.6, "small": 0.6, "known": 0.6, "swept": 0.3}  # an impact divides the exposure of a swept one
+MAX_RESIDUAL = {"new": 0.3, "small": 0.2, "known": 0.4, "swept": 0.4}  # of cover
 CLIPPED_GREY = 250  # from which on a channel is clipped; where all are, a ball may be overexposed
 
 
@@ -139,26 +143,49 @@ def swept_share(x: Array, y: Array, radius: float, motion: Array) -> Array:
     return np.asarray(swept_disc.share(x, y, radius, motion, swept_disc.places(motion)))
 
 
+def _left(seen: Image, taken: Image | None) -> Image:
+    """Cover (rows, columns) by a ball, where others cover as much as is taken."""
+    return seen if taken is None else np.maximum(seen - taken, 0.0).astype(np.float32)
+
+
+def cover_by(discs: Sequence[DiscFit], columns: Array, rows: Array) -> Image:
+    """Cover of pixels in columns (n,) and rows (m,) by any of these discs: (m, n)."""
+    free = np.ones((len(rows), len(columns)), np.float32)
+    for disc in discs:
+        reach = np.abs(disc.motion) / 2 + disc.radius + swept_disc.RIM_REACH * swept_disc.RIM_BLUR_PX
+        i, j = (np.flatnonzero(np.abs(v - at) < r) for v, at, r in zip((columns, rows), disc.xy, reach, strict=True))
+        x, y = np.meshgrid(columns[i] - disc.xy[0], rows[j] - disc.xy[1])
+        free[np.ix_(j, i)] *= 1 - _cover_at(disc, x.ravel(), y.ravel()).reshape(x.shape)
+    return np.asarray(1 - free)
+
+
+def _cover_at(disc: DiscFit, x: Array, y: Array) -> Image:
+    """Cover by a disc at offsets (n,) from its middle [pixels]: (n,), at most all of a pixel."""
+    return np.minimum(disc.gain * swept_share(x, y, disc.radius, disc.motion), 1.0).astype(np.float32)
+
+
 def fit_disc(
-    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float = 1.0, steps: int = STEPS
-) -> DiscFit | None:
+    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float = 1.0, steps: int = STEPS,
+    others: Sequence[DiscFit] = (),
+) -> DiscFit | None:  # fmt: skip
     """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none.
 
-    With fewer `steps` it is not fitted to its end: enough to compare it with others.
+    With fewer `steps` it is not fitted to its end: enough to compare it with others. What `others` cover is none of it.
     """
     motion, centre = np.asarray(motion, float), np.asarray(start, float)
     fit = None
     for _ in range(MAX_FITS if steps == STEPS else 1):
-        fit = _fit_around(view, colour, centre, radius, motion, gain, steps)
+        fit = _fit_around(view, colour, centre, radius, motion, gain, steps, others)
         if fit is None or math.hypot(*(fit.xy - centre)) < SAME_PLACE_PX:
             break
         centre = fit.xy
-    return None if fit is None else replace(fit, rim=_rim(view, colour, fit))
+    return None if fit is None else replace(fit, rim=_rim(view, colour, fit, others))
 
 
 def _fit_around(
-    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float, steps: int
-) -> DiscFit | None:
+    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float, steps: int,
+    others: Sequence[DiscFit] = (),
+) -> DiscFit | None:  # fmt: skip
     """The disc that fits the window around a pixel (2,) best, its rim not judged yet; None where there is none."""
     half = np.abs(motion) / 2 + radius + SURROUND_PX + 2
     h, w = view.picture.shape[:2]
@@ -169,10 +196,13 @@ def _fit_around(
     corner, table = np.array([x0, y0]), view.table[y0:y1, x0:x1] * view.gain.astype(np.float32)
     window = view.picture[y0:y1, x0:x1].astype(np.float32)
     shading_sd = UNSHADED_SD if is_white(colour) else SHADING_SD
-    fit = _settled(covered(window, table, colour), corner, start, radius, motion, gain, shading_sd, steps)
+    taken = cover_by(others, np.arange(x0, x1), np.arange(y0, y1)) if others else None
+    seen = _left(covered(window, table, colour), taken)
+    fit = _settled(seen, corner, start, radius, motion, gain, shading_sd, steps)
     if fit is not None and colour is None:
-        own = _own_colours(window, fit.xy - corner, fit.radius, motion)
-        fit = _settled(cover(window, table, own), corner, fit.xy, radius, motion, gain, shading_sd, steps)
+        own = _own_colours(window, fit.xy - corner, min(radius, fit.radius), motion)
+        seen = _left(cover(window, table, own), taken)
+        fit = _settled(seen, corner, fit.xy, radius, motion, gain, shading_sd, steps)
     return fit
 
 
@@ -196,19 +226,33 @@ def _settled(
     return DiscFit(np.array([x, y]), radius + grown, motion, height, centre_sd, residual, misfit, gain, 0.0)
 
 
-def _rim(view: View, colour: Array | None, fit: DiscFit) -> float:
-    """Fraction of the sectors of a rim where cover falls outwards, weighed by how still the rim is there."""
+def acceptable(fit: DiscFit | None, kind: str, error: float = 0.0) -> bool:
+    """Whether a fit to cover of a standard error shows a ball, which is `new`, `small`, `known` or `swept`."""
+    return (
+        fit is not None
+        and fit.rim >= MIN_RIM[kind]
+        and fit.height > MIN_HEIGHT[kind]
+        and fit.residual < math.hypot(MAX_RESIDUAL[kind], error)
+    )
+
+
+def _rim(view: View, colour: Array | None, fit: DiscFit, others: Sequence[DiscFit] = ()) -> float:
+    """Fraction of the sectors of a rim where cover falls outwards, or other balls are around."""
     angles = np.arange(SECTORS) * 2 * math.pi / SECTORS
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
     ends = np.sign(ways @ fit.motion)[:, None] * fit.motion / 2
     h, w = view.picture.shape[:2]
-    values = []
+    values, others_there = [], np.zeros(SECTORS, bool)
     for part in RING_RADII:
         # A swept disc covers its two ends less; the flanks of its path are as sharp as at rest.
         places = np.rint(fit.xy + (ends if part > 1 else 0.5 * ends) + part * fit.radius * ways).astype(int)
         column, row = places[:, 0].clip(0, w - 1), places[:, 1].clip(0, h - 1)
         table = view.table[row, column][None] * view.gain.astype(np.float32)
         values.append(covered(view.picture[row, column][None].astype(np.float32), table, colour)[0])
+    for one in others:
+        around = replace(one, radius=RING_RADII[1] * one.radius)
+        others_there |= _cover_at(around, *(places - one.xy).T.astype(float)) > 0.5
     swept = 1.0 / (1.0 + math.hypot(*fit.motion) / (2 * fit.radius))
     # In dim light, or turned from the lamp, all of a ball seems to cover less.
-    return float((values[0] - values[1] > MIN_CONTRAST * swept * min(fit.height, 1.0)).mean())
+    contrast = values[0] - values[1] > MIN_CONTRAST * swept * min(fit.height, 1.0)
+    return float((contrast | others_there).mean())

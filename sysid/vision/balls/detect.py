@@ -1,14 +1,14 @@
 """The detector: which balls are in a picture, and the centres of their outlines to a fraction of a pixel.
 
 In: a camera, footage to learn from, and a palette; then pictures. Out: `Detection` of every ball. Learning means the
-background, the colours of the balls, and the blur and edge noise of the optics. Not detected: a ball in the middle of a
-pack, which has no outline against the cloth.
+background, the colours of the balls, and the blur and edge noise of the optics. Not detected by its outline: a ball in
+the middle of a pack, which has none against the cloth; by what it covers, it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -16,7 +16,17 @@ import numpy as np
 from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
 from sysid.vision.balls.cover import DiscFit
-from sysid.vision.balls.discs import Expected, Shutter, core_colour, is_clear, known_disc, near_disc, new_discs, tell
+from sysid.vision.balls.discs import (
+    Expected,
+    Shutter,
+    beside_others,
+    core_colour,
+    is_clear,
+    known_disc,
+    near_disc,
+    new_discs,
+    tell,
+)
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import ANY_BALL, face
 from sysid.vision.balls.names import STRAY_LIGHT, names_by_faces
@@ -27,6 +37,7 @@ from sysid.vision.balls.outline_fit import (
     fit_near,
     plausible,
 )
+from sysid.vision.balls.packs import disc_at, searched
 from sysid.vision.balls.palette import Palette, ball_colour, colour_distance
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.camera.projection import Camera
@@ -51,6 +62,7 @@ class Detection:
     colour: Array | None = None  # (3,) red, green, blue of its face in white light, 0 to 1
     odds: float = 1.0  # probability of the name beside that of the likeliest other one,
     other: str | None = None  # which is this
+    motion: Array = field(default_factory=lambda: np.zeros(2))  # (2,) during the exposure [pixels]
 
 
 @dataclass(frozen=True)
@@ -76,9 +88,9 @@ class Detector:
 
     def find(
         self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None,
-        taken: Sequence[Array] = (),
+        taken: Sequence[Detection] = (),
     ) -> list[Detection]:  # fmt: skip
-        """Balls in a picture: those that are expected, or all, but for those found already at the pixels (2,) taken."""
+        """Balls in a picture: those that are expected, or all but those found already."""
         view = self.background.view(picture)
         wanted = [one for one in expected if np.isfinite(one.xy).all()]
         if self.rough:
@@ -110,16 +122,18 @@ class Detector:
         seen = [self._identified(view, fit) for fit in balls(view, self.optics)]
         return sorted((s for s in seen if s is not None), key=lambda s: -s.score)
 
-    def _discs(self, view: View, taken: Sequence[Array]) -> list[Detection]:
-        """All balls by what they cover, but for those at the pixels (2,) taken."""
+    def _discs(self, view: View, known: Sequence[Detection]) -> list[Detection]:
+        """All balls by what they cover, but for those found already."""
+        taken = [disc_at(view, one.xy, one.motion) for one in known]
         found: list[Detection] = []
         if self.palette is not None:
             small = view.geometry.radius(np.array(self.camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
             fits = new_discs(view, None, kind="small" if small else "new", taken=taken)
             return [self._unnamed(view, fit) for fit in fits]
+        shown = searched(view)
         for name, colour in self.ball_colours:
             shown_at = partial(self._in_picture, view, colour)
-            for fit in new_discs(view, self._in_picture(view, colour), shown_at, taken=taken):
+            for fit in new_discs(view, self._in_picture(view, colour), shown_at, taken=taken, picture=shown):
                 found += self._named_disc(view, name, fit, found)
         return found
 
@@ -129,6 +143,7 @@ class Detector:
         known = [one for one in expected if one.name in colours or self.palette is not None]
         shown = [None if self.palette else self._in_picture(view, colours[one.name], one.xy) for one in known]
         near = [near_disc(view, colour, one.xy, one.step, shutter) for one, colour in zip(known, shown, strict=True)]
+        near = beside_others(view, shown, known, near)
         clear_first = sorted(zip(known, shown, near, strict=True), key=lambda each: not is_clear(each[2]))
         for one, colour, fit in clear_first:
             if not is_clear(fit):
@@ -169,7 +184,7 @@ class Detector:
         colour = (core_colour(view, fit) / (255 * self.background.light_at(view, fit.xy)))[::-1]
         known = colour if np.isfinite(colour).all() else None
         score = fit.rim * (1 - fit.residual)
-        return Detection(ANY_BALL, fit.xy, fit.radius, fit.sd, fit.rim, score, colour=known)
+        return Detection(ANY_BALL, fit.xy, fit.radius, fit.sd, fit.rim, score, colour=known, motion=fit.motion)
 
     def _identified(self, view: View, fit: OutlineFit) -> Detection | None:
         """The detection of this outline; None if its colour is that of no ball."""

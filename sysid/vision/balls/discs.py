@@ -17,7 +17,9 @@ import numpy as np
 
 from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import motion_blurred
-from sysid.vision.balls.cover import DiscFit, cover_sd, covered, fit_disc, is_white, swept_share
+from sysid.vision.balls.cover import DiscFit, acceptable, cover_sd, covered, fit_disc, is_white, swept_share
+from sysid.vision.balls.intruders import is_part
+from sysid.vision.balls.packs import Searched, apart, disc_at, searched, together, with_packs
 from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
@@ -26,9 +28,6 @@ CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
 RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
 MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
 MAX_PEAKS = {"one": 6, "any": 40}  # in a picture, of one colour and of any
-MIN_RIM = {"new": 0.75, "small": 0.75, "known": 0.5, "swept": 0.5}  # a small ball of any colours, one that moved far
-MIN_HEIGHT = {"new": 0.6, "small": 0.6, "known": 0.6, "swept": 0.3}  # an impact divides the exposure of a swept one
-MAX_RESIDUAL = {"new": 0.3, "small": 0.2, "known": 0.4, "swept": 0.4}  # of cover
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
@@ -127,36 +126,29 @@ def peaks(view: View, colour: Array | None, centre: Array | None = None, within:
     return [corner + cell * (np.array([across[k], down[k]]) + 0.5) - 0.5 for k in order]
 
 
-def acceptable(fit: DiscFit | None, kind: str, error: float = 0.0) -> bool:
-    """Whether a fit to cover of a standard error shows a ball, which is `new`, `small`, `known` or `swept`."""
-    return (
-        fit is not None
-        and fit.rim >= MIN_RIM[kind]
-        and fit.height > MIN_HEIGHT[kind]
-        and fit.residual < math.hypot(MAX_RESIDUAL[kind], error)
-    )
-
-
 def new_discs(
     view: View, colour: Array | None, shown_at: Callable[[Array], Array] | None = None, kind: str = "new",
-    taken: Sequence[Array] = (),
+    taken: Sequence[DiscFit] = (), picture: Searched | None = None,
 ) -> list[DiscFit]:  # fmt: skip
-    """Balls of this colour anywhere on the bed, not moving fast, but for those at the pixels (2,) taken.
+    """Balls of this colour anywhere on the bed, not moving fast, but for those taken.
 
-    `shown_at` is the colour in the light at a pixel (2,).
+    `shown_at` is the colour in the light at a pixel (2,). Pieces of what comes in over a cushion, as an arm, are none.
     """
-    fits = []
+
+    def shown(at: Array) -> Array | None:
+        return colour if shown_at is None else shown_at(at)
+
+    fits, picture = [], picture or searched(view)
     for at in peaks(view, colour):
-        if any(np.hypot(*(at - other)) < view.geometry.radius(at) for other in taken):
+        if any(np.hypot(*(at - other.xy)) < other.radius for other in taken) or is_part(picture.intruders, view, at):
             continue
-        shown = colour if shown_at is None else shown_at(at)
-        fits.append(fit_disc(view, shown, at, view.geometry.radius(at), np.zeros(2)))
+        fits.append(fit_disc(view, shown(at), at, view.geometry.radius(at), np.zeros(2)))
     found: list[DiscFit] = []
     for fit in sorted((f for f in fits if f is not None and acceptable(f, kind)), key=lambda f: f.residual):
         apart = all(np.hypot(*(fit.xy - other.xy)) > fit.radius for other in found)
         if apart and view.geometry.on_bed(fit.xy):
             found.append(fit)
-    return found
+    return with_packs(view, shown, found, picture.starts, kind, taken)
 
 
 def is_disc(view: View, pixel: Array, *, patterned: bool = False) -> bool:
@@ -184,6 +176,21 @@ def near_disc(view: View, colour: Array | None, at: Array, step: Array, shutter:
     fit = _best(view, colour, at, step, radius, shutter)
     near = fit is not None and math.hypot(*(fit.xy - at)) < NEAR_RADII * radius
     return fit if near and acceptable(fit, "known") else None
+
+
+def beside_others(
+    view: View, colours: Sequence[Array | None], expected: Sequence[Expected], fits: Sequence[DiscFit | None]
+) -> list[DiscFit | None]:
+    """The fits of balls that are expected, those that touch others fitted beside these where they are seen so."""
+    motions = [None if fit is None else fit.motion for fit in fits]
+    discs = [disc_at(view, one.xy, motion) for one, motion in zip(expected, motions, strict=True)]
+    _, pack = apart(discs)
+    best = list(fits)
+    again = together(view, [colours[k] for k in pack], [discs[k] for k in pack], "known")
+    for k, fit in zip(pack, again, strict=True):
+        if fit is not None and math.hypot(*(fit.xy - expected[k].xy)) < NEAR_RADII * fit.radius:
+            best[k] = fit
+    return best
 
 
 def is_clear(fit: DiscFit | None) -> bool:

@@ -19,6 +19,7 @@ from sysid.vision.balls.detect import Detector, outline_colour
 from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.faces import are_patterned, face
+from sysid.vision.balls.intruders import intruding, is_part
 from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.outline_fit import (
     OutlineFit,
@@ -86,10 +87,12 @@ def learn_detector(
     size_sd = INITIAL_SIZE_ERROR * geometry.radius(np.array(camera.size) / 2)
     optics = Optics(INITIAL_EDGE_NOISE, INITIAL_BLUR_PX, size_sd=size_sd)
 
-    background, resting = learn_background(geometry, pictures, lambda view: resting_balls(view, optics, palette))
+    background, resting = learn_background(
+        geometry, pictures, lambda view: resting_balls(view, optics, palette), intruding
+    )
     progress("estimating the colours of the balls")
     views = [background.view(picture) for picture in pictures]
-    found = [(k, fit) for k, view in enumerate(views) for fit in balls(view, optics)]
+    found = [(k, fit) for k, view in enumerate(views) for fit in _no_arms(view, balls(view, optics))]
     small = geometry.radius(np.array(camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
     if small:
         found = [(k, fit) for k, fit in found if is_disc(views[k], fit.xy, patterned=palette.patterned)] or found
@@ -129,6 +132,17 @@ def learn_detector(
     notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
     notes += _warnings(detector, [fit for _, fit in found], resting, lights)
     return replace(detector, notes=(*moved, *notes))
+
+
+def _no_arms(view: View, found: Sequence[OutlineFit]) -> list[OutlineFit]:
+    """The outlines without those of pieces of an arm, which no ball beside them explains."""
+    intruders, kept = intruding(view), list[OutlineFit]()
+    while more := [
+        fit for fit in found
+        if all(fit is not one for one in kept) and not is_part(intruders, view, fit.xy, [one.xy for one in kept])
+    ]:  # fmt: skip
+        kept += more
+    return kept
 
 
 def _patterned_detector(

@@ -6,24 +6,15 @@ or an arm that stays has pieces that look like balls: what goes on beyond its ri
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
-from sysid.vision.balls.cover import not_table
 from sysid.vision.balls.discs import new_discs
 from sysid.vision.balls.edges import Optics
+from sysid.vision.balls.intruders import intruding, is_part
 from sysid.vision.balls.outline_fit import MIN_FOREGROUND, balls
 from sysid.vision.balls.palette import Palette
-from sysid.vision.balls.view_geometry import Array, Mask
-
-AROUND = 48  # places about a ball that rests all the time,
-AROUND_RADII = 1.6  # so far from its centre,
-BESIDE_RADII = 1.3  # and so far from those of other balls, to be none of theirs,
-MAX_AROUND = 0.3  # of which show what comes in over a cushion: more, and it is a part of that
-MIN_SHOWN = 0.5  # of what is not the table, from which on a pixel shows it
+from sysid.vision.balls.view_geometry import Array
 
 
 def resting_balls(view: View, optics: Optics, palette: Palette) -> list[Array]:
@@ -32,25 +23,5 @@ def resting_balls(view: View, optics: Optics, palette: Palette) -> list[Array]:
     for fit in new_discs(view, None):
         if all(np.hypot(*(fit.xy - xy)) > fit.radius for xy in found):
             found.append(fit.xy)
-    intruding = _intruding(view)
-    return [xy for k, xy in enumerate(found) if not _is_part(intruding, view, xy, found[:k] + found[k + 1 :])]
-
-
-def _intruding(view: View) -> Mask:
-    """Pixels (h, w) of the bed that show something else, which comes in over a cushion."""
-    bed = view.geometry.bed
-    seen = (not_table(view.picture.astype(np.float32), view.table * view.gain.astype(np.float32)) > MIN_SHOWN) & bed
-    _, labels = cv2.connectedComponents(seen.astype(np.uint8))
-    edge = bed & (cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
-    return np.asarray(np.isin(labels, np.unique(labels[edge & seen])) & seen)
-
-
-def _is_part(intruding: Mask, view: View, xy: Array, others: Sequence[Array]) -> bool:
-    """Whether what seems a ball at a pixel (2,) goes on beyond its rim, and not as other balls beside it."""
-    radius = view.geometry.radius(xy)
-    angles = np.arange(AROUND) * 2 * np.pi / AROUND
-    ring = xy + AROUND_RADII * radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    column, row = (np.rint(ring[:, k]).astype(int).clip(0, intruding.shape[1 - k] - 1) for k in (0, 1))
-    beside = np.array([np.hypot(*(ring - other).T) < BESIDE_RADII * radius for other in others], bool)
-    covered = intruding[row, column] & ~beside.reshape(len(others), AROUND).any(axis=0)
-    return bool(covered.mean() > MAX_AROUND)
+    intruders = intruding(view)
+    return [xy for k, xy in enumerate(found) if not is_part(intruders, view, xy, found[:k] + found[k + 1 :])]

@@ -18,7 +18,6 @@ from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.running import from_free_motion
 from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, phase_at
 from sysid.vision.tracks.strikes import (
-    MIN_CLIP_DETECTIONS,
     FoundShots,
     TrackedShot,
     Unstruck,
@@ -55,7 +54,7 @@ def running_shots(scene: TrackedScene, struck: FoundShots) -> tuple[list[Tracked
 def _cut_off(scene: TrackedScene, shot: TrackedShot, strikes: Iterable[int]) -> list[Unstruck]:
     """Motion that goes on after a clip was cut short, as where a ball jumps; none where the next strike ends it."""
     stop = min((frame for frame in strikes if frame >= shot.last), default=int(scene.frames[-1]))
-    going = [m for m in scene.moves if m.began <= shot.last and min(m.ended, stop) > shot.last + MIN_CLIP_DETECTIONS]
+    going = [m for m in scene.moves if m.began <= shot.last and min(m.ended, stop) > shot.last]
     if not going:
         return []
     after = [int(m.track.frame[np.searchsorted(m.track.frame, shot.last, side="right")]) for m in going]

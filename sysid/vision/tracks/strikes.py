@@ -30,13 +30,11 @@ from sysid.vision.tracks.moves import (
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-MAX_LULL_S = 1.0  # without motion, after which a shot is over
 TOUCH_RADII = 2.2  # between balls that may touch: two radii, and what is uncertain about them
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
 MIN_BEHIND_COSINE = 0.87  # of the angle between the velocity of a ball and the line from the ball that pushed it
 # A ball that is struck at the utmost height, half a radius above its middle, rolls at 5/7 + 2/7 * 5/4 of its speed.
 MAX_ROLLING_GAIN = 1.08
-MIN_CLIP_DETECTIONS = 5  # of what moves, that hold more values than the start of a stroke: place, velocity and spin
 
 
 @dataclass(frozen=True)
@@ -82,12 +80,12 @@ def split_shots(scene: TrackedScene) -> FoundShots:
     for move in (m for m in moves if m.place is None):
         what = "was already moving when the video begins" if move.began <= scene.frames[0] + MIN_REST_DETECTIONS else ""
         unstruck.append(Unstruck(move.began, f"{move.name} {what or 'was set in motion unseen'}"))
-    for group in _groups(scene, [m for m in moves if m.place is not None and not _caused(scene, m, moves)]):
+    for group in _groups(scene, _uncaused(scene, [move for move in moves if move.place is not None], moves)):
         struck = _struck(group)
         why = _fault(scene, struck)
         if why:
             notes.append((scene.time_of(struck.began), f"{struck.name} {why}"))
-        alone = [m.name for m in group if m not in _set_in_motion(scene, struck, group)]
+        alone = [m.name for m in group if m not in _set_in_motion(scene, [struck], group)]
         if alone and not why:  # a cue strikes one ball
             names = " and ".join([struck.name, *alone])
             unstruck.append(Unstruck(struck.began, f"{names} were set in motion together by something unseen"))
@@ -137,7 +135,7 @@ def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
     """Whether a ball was set in motion by one that was moving already."""
     return any(
         other.name != move.name
-        and (other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period or _well_before(scene, other, move))
+        and other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period
         and other.began <= move.began
         and (other.ended >= move.before - 1 or other.lost)
         and _may_touch(scene, other, move)
@@ -145,12 +143,11 @@ def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
     )
 
 
-def _well_before(scene: TrackedScene, other: Move, move: Move) -> bool:
-    """Whether a ball had gone by half a radius when another was still seen at rest."""
-    if other.place is None or move.place is None:
-        return False
-    k = int(np.searchsorted(other.track.frame, move.before, side="right")) - 1
-    return k >= other.first and float(np.linalg.norm(other.track.xy[k] - other.place)) > scene.radius / 2
+def _uncaused(scene: TrackedScene, begun: Sequence[Move], moves: Sequence[Move]) -> list[Move]:
+    """Those balls that no ball in motion set in motion, nor one at rest that it hit, as in a rack."""
+    caused = [move for move in begun if _caused(scene, move, moves)]
+    set_in_motion = _set_in_motion(scene, caused, begun)
+    return [move for move in begun if move not in set_in_motion]
 
 
 def _groups(scene: TrackedScene, moves: Sequence[Move]) -> list[list[Move]]:
@@ -188,11 +185,12 @@ def _struck(group: Sequence[Move]) -> Move:
     return min(group, key=mismatch)
 
 
-def _set_in_motion(scene: TrackedScene, struck: Move, group: Sequence[Move]) -> list[Move]:
-    """Those of a group that the struck ball, or one that it set in motion, can have reached before they moved."""
-    found, left = [struck], [move for move in group if move is not struck]
+def _set_in_motion(scene: TrackedScene, first: Sequence[Move], moves: Sequence[Move]) -> list[Move]:
+    """Balls that move at first, and those that these, or others that they set in motion, can have reached by then."""
+    found = list(first)
+    left = [move for move in moves if move not in found]
     for one in found:
-        hit = [move for move in left if _reaches(scene, one, move)]
+        hit = [move for move in left if _simultaneous(scene, one, move) and _reaches(scene, one, move)]
         found += hit
         left = [move for move in left if move not in hit]
     return found
@@ -279,12 +277,6 @@ def _shot(
     seen, why = balls_there(scene, (struck.name,), first, last, after)
     if seen is None:
         return None, why
-    shown = sum(
-        int(((m.track.frame >= max(first, m.began)) & (m.track.frame <= min(m.ended, last))).sum())
-        for m in (struck, *after)
-    )
-    if shown < MIN_CLIP_DETECTIONS:
-        return None, f"{shown} detections of what moves are too few"
     remarks += [*ends, *seen.remarks]
     speed = float(np.linalg.norm(struck.velocity))
     return TrackedShot(struck.name, time, first, last, seen.names, speed, seen.potted, tuple(remarks)), ""
@@ -293,10 +285,8 @@ def _shot(
 def ending(scene: TrackedScene, first: int, covered: int, after: Sequence[Move], limit: int) -> tuple[int, list[str]]:
     """The last frame of a clip whose first moves end at frame `covered`, others coming after, and what to say of it."""
     for move in sorted(after, key=lambda m: m.began):
-        # The ball that sets the next one in motion may be hidden.
-        if scene.time_of(move.began) - scene.time_of(covered) < (
-            MAX_LULL_S if move.place is not None else 1.5 * scene.period
-        ):
+        # The ball that sets one at rest in motion may be hidden.
+        if move.place is not None or scene.time_of(move.began) - scene.time_of(covered) < 1.5 * scene.period:
             covered = max(covered, min(move.ended, limit))
     last = min(
         int(scene.frames[np.searchsorted(scene.times, scene.time_of(covered) + CLIP_TAIL_S, side="right") - 1]), limit

@@ -173,7 +173,7 @@ def _detect(
 ) -> list[Detection]:  # fmt: skip
     """The expected balls, and all others where the whole picture is searched."""
     detections = list(detector.find(picture, expected, shutter)) if expected else []
-    for one in detector.find(picture, taken=[one.xy for one in detections]) if full_search else ():
+    for one in detector.find(picture, taken=detections) if full_search else ():
         if all(np.hypot(*(one.xy - other.xy)) > SAME_BALL_RADII * other.radius for other in detections):
             detections.append(one)
     return detections

@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from models.shot import NOSE_COSINE, Table
+from sysid.vision.balls.background import learn_background
+from sysid.vision.balls.intruders import intruding
+from sysid.vision.balls.view_geometry import view_geometry
 from sysid.vision.camera.projection import Camera
 from tests.footage.__main__ import camera_over
 from tests.footage.cameras import aimed, overhead
@@ -54,6 +58,31 @@ def test_balls_that_touch_each_other_and_a_cushion_all_along_are_balls(tmp_path:
     detector = learnt(tmp_path, camera, shown(camera, names, places))
     found = detector.find(shown(camera, names, places[:1])[0])
     assert sorted(one.name for one in found) == sorted(names)
+
+
+def test_an_arm_that_stays_for_most_of_a_film_is_no_part_of_the_table() -> None:
+    """When it moved on, the cloth that it uncovered stood out from the table, and pieces of the arm were balls."""
+    camera = camera_of(10)
+    pictures = shown(camera, ("white",), np.array([[(-0.3 + 0.05 * k, 0.1)] for k in range(12)]))
+    empty = shown(camera, (), np.zeros((1, 0, 2)))[0]
+    for picture in pictures[:9]:
+        cv2.line(picture, (200, 359), (200, 200), (120, 150, 200), 24, cv2.LINE_AA)
+    learnt_of, _ = learn_background(view_geometry(camera), pictures, lambda view: [], intruding)
+    off = learnt_of.picture - empty
+    uncovered, elsewhere = (
+        np.abs(cv2.GaussianBlur(part, (0, 0), 3)).max() for part in (off[190:262, 180:220], off[60:160, 300:380])
+    )
+    assert uncovered < 1.5 * elsewhere
+
+
+def test_knuckles_are_no_balls_to_learn_from(tmp_path: Path) -> None:
+    camera = camera_of(10)
+    pictures = shown(camera, ("white",), np.array([[(-0.3 + 0.05 * k, 0.1)] for k in range(12)]))
+    for picture in pictures[:9]:
+        cv2.line(picture, (200, 359), (200, 200), (120, 150, 200), 24, cv2.LINE_AA)
+        for knuckle in ((189, 192), (211, 192), (200, 182)):
+            cv2.circle(picture, knuckle, 10, (110, 140, 190), -1, cv2.LINE_AA)
+    assert [name for name, _ in learnt(tmp_path / "f", camera, pictures).ball_colours] == ["white"]
 
 
 def snooker_from_afar(number: int) -> Camera:

@@ -299,6 +299,15 @@ def test_a_struck_ball_lost_half_the_time_is_not_to_be_trusted() -> None:
     assert any("white was lost in" in text for text in found.doubts)
 
 
+def test_a_ball_that_was_taken_away_in_motion_sets_nothing_in_motion_later() -> None:
+    made = Recording().wait(0.5).shot((0.8, 0.4)).wait(2.0).shot((-0.9, 0.2), ball=1).wait(0.5)
+    made.rows[1][40:, 0] = np.nan
+    for rows in made.rows[2:]:
+        rows[:, 0] = np.nan
+    found = tracked_of(made)
+    assert [shot.struck for shot in found.shots] == ["white", "red"], found.left_out
+
+
 def test_late_rows_and_slow_cameras() -> None:
     camera = dataclasses.replace(CAMERA, readout=0.015)
     made = Recording(fps=30.0).wait(0.7).shot((1.0, 0.35), late=0.9).wait(0.7).shot((-0.9, 0.2), late=0.2).wait(0.7)
