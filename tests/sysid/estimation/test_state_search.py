@@ -15,6 +15,7 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation.chain_search import found_states
 from sysid.estimation.from_nothing import begin
+from sysid.estimation.initial_states import own_scores
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.state_search import searched_states
@@ -55,6 +56,17 @@ def test_a_shot_is_found_whatever_others_are_beside_it() -> None:
         alone = problem.only(np.array([k]))
         width = alone.start.shape[1]
         assert searched_states(alone, NO_CONSTANTS).tobytes() == together[k : k + 1, :width].tobytes()
+
+
+def test_a_state_is_as_likely_whatever_others_are_beside_it() -> None:
+    """A score that followed the median of all shots made states that had been found once seem to be found again."""
+    model = true_model(*CAROM)
+    problem = shot_problem(model, (), long_shots(model, 8, 3), NOISE_M)
+    together, rates = own_scores(problem, problem.start, NO_CONSTANTS)
+    assert (rates > 0).all(), "starts as seen, not fitted"
+    for k in range(3):
+        alone = problem.only(np.array([k]))
+        assert own_scores(alone, alone.start, NO_CONSTANTS)[0] == pytest.approx(together[k : k + 1], rel=1e-12)
 
 
 @pytest.mark.slow
