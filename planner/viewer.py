@@ -44,7 +44,7 @@ class Setup:
     names: tuple[str, ...]  # the ball to be struck first
     position: Array  # (n, 2) [m]
     stroke: tuple[float, float, float, float]  # speed [m/s], azimuth [rad], side, height [m], as launcher/stroke.py
-    elevation: float  # of the cue [rad]
+    swerve: float  # offset that stands for the spin about the aim [m]
 
 
 class ViewedWorld:
@@ -54,7 +54,7 @@ class ViewedWorld:
         """Compile the table with its furniture, and place the balls."""
         self.setup = setup
         self.world = World(model, setup.names, jaws=bool(model.table.pockets), furnished=True, marked=True)
-        self.velocity, self.spin = launch(np.array([setup.stroke]), setup.elevation, model.ball)
+        self.velocity, self.spin = launch(np.array([setup.stroke]), np.array([setup.swerve]), model.ball)
         self.data = mujoco.MjData(self.world.mj_model)
         self.reset()
 

@@ -133,14 +133,18 @@ def setup(shown: Shown, given: GivenStroke) -> tuple[Model, Setup]:
     if len(names) > 1:
         line = places[names[1]] - places[names[0]]
         stroke["azimuth"] = math.atan2(line[1], line[0])
-    stroke |= known | {k: value for k, value in asdict(given).items() if value is not None}
+    asked = {k: value for k, value in asdict(given).items() if value is not None}
+    stroke |= known | asked
     offset = math.hypot(stroke["side"], stroke["height"])
     if not offset < model.ball.radius:
         raise BadInput(
             f"--side, --height: {1e3 * offset:.1f} mm off the centre misses a ball of {1e3 * model.ball.radius:.1f} mm"
         )
     q = stroke["speed"], stroke["azimuth"], stroke["side"], stroke["height"]
-    return model, Setup(names, np.array([places[n] for n in names]), q, stroke["elevation"])
+    swerve = stroke["side"] * math.sin(stroke["elevation"])
+    if not asked.keys() & {"side", "height", "elevation"}:
+        swerve = stroke.get("swerve", swerve)
+    return model, Setup(names, np.array([places[n] for n in names]), q, swerve)
 
 
 def _racked(table: Table, ball: Ball) -> dict[str, Array]:
@@ -173,6 +177,8 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
         if plan.get("stroke") is None:
             raise BadInput(f"{source}: holds no stroke; name its scene file, and give --speed and --azimuth")
         known = {k: float(plan["stroke"][k]) for k in GivenStroke.__annotations__}
+        if "swerve" in plan.get("launcher", {}):
+            known["swerve"] = float(plan["launcher"]["swerve"])
     else:
         scene = read_scene(source)
     tell_doubts(source, scene.camera_doubts)

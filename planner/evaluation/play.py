@@ -27,7 +27,7 @@ from models.shot import GRAVITY, Shot, Track
 from models.simulation.simulate import simulate
 from planner.evaluation.outcome import Outcomes, concatenate, of_result, of_tracks
 from planner.launcher.mapped import MappedLauncher
-from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel, launch
+from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
 from planner.scene import Scene
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Player:
 
     def deflection(self, q: Array) -> Array:
         """Angle to the left of the aim at which the ball leaves, by the model's cue effects: (n,) [rad]."""
-        velocity, spin = launch(q, self.launcher.elevation, self.scene.ball)
+        velocity, spin = self.launcher.launch(q, self.scene.ball)
         v, w = velocity[:, None].copy(), spin[:, None].copy()
         hooks = hooks_of(self.model.stack()[1:], len(q))
         ball = self.scene.ball
@@ -82,7 +82,7 @@ class Player:
         scene, n = self.scene, len(q)
         balls = len(scene.names)
         v, w = np.zeros((n, balls, 2)), np.zeros((n, balls, 3))
-        v[:, 0], w[:, 0] = launch(q, self.launcher.elevation, scene.ball)
+        v[:, 0], w[:, 0] = self.launcher.launch(q, scene.ball)
         result = finish(
             self.model.with_values(values), np.broadcast_to(scene.position, (n, balls, 2)), v, w,
             events=LOGGED_EVENTS, threads=self.threads, jaws=True, most=MAX_EVENTS,
@@ -135,7 +135,7 @@ class Player:
         They are played in the event engine, or in MuJoCo on request or if only that can play the model.
         """
         scene, n = self.scene, len(q)
-        velocity, spin = launch(q, self.launcher.elevation, scene.ball)
+        velocity, spin = self.launcher.launch(q, scene.ball)
         duration = self._durations(q[:, SPEED])
         balls, shots = len(scene.names), []
         for k in range(n):

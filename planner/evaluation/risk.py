@@ -23,7 +23,7 @@ from planner.evaluation.outcome import FOULS, Outcomes
 from planner.evaluation.play import Player
 from planner.evaluation.value import UtilityWeights, rest_distance, utility
 from planner.launcher.execution import Execution, normal_samples
-from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, launch
+from planner.launcher.stroke import AZIMUTH
 from planner.scene import Scene
 
 Array = NDArray[np.float64]
@@ -55,14 +55,10 @@ class ErrorSamples:
     def strike(self, player: Player, q: Array) -> tuple[Outcomes, TipDifference]:
         """Play strokes (n, 4) with every sample by the launcher's tip in MuJoCo; also returns the tip's deviation."""
         launcher = player.mapped()
-        size = self.execution.perturb(np.zeros((1, 4)), self.normal)[0]  # of azimuth and contact
-        size[:, [SIDE, HEIGHT]] /= launcher.cueing_map.geometry.lever
-        tips = launcher.tip_strokes(q)[:, None, :] + size
-        tips[..., SPEED] *= 1.0 + self.execution.speed_sd * self.normal[:, 0]
+        asked = self.execution.perturb(q, self.normal).reshape(-1, 4)  # errors are of the ball's motion, as observed
         values = {name: np.tile(v, len(q)) for name, v in self.values.items()}
-        out, made = player.strike(tips.reshape(-1, 4), values)
-        asked = self.execution.perturb(q, self.normal).reshape(-1, 4)
-        velocity, spin = launch(asked, launcher.elevation, player.scene.ball)
+        out, made = player.strike(launcher.tip_strokes(asked), values)
+        velocity, spin = launcher.launch(asked, player.scene.ball)
         got, turned = np.array([m.velocity for m in made]), np.array([m.spin for m in made])
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
         away = np.arctan2(got[:, 1], got[:, 0]) - asked[:, AZIMUTH]

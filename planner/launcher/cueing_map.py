@@ -84,6 +84,12 @@ class CueingMap:
         scale = 0.4 * self.geometry.ball.radius**2 / speed
         return speed, squirt, scale * spin[:, 2], scale * (np.cos(squirt) * spin[:, 1] - np.sin(squirt) * spin[:, 0])
 
+    def swerve(self, cue_speed: Array, x0: Array, y0: Array) -> Array:
+        """Offset that stands for the ball's spin about its direction, as side and height in `forward`: (n,) [m]."""
+        velocity, spin = launch(self.constants, self.geometry, cue_speed, x0, y0)
+        along = np.sum(velocity[:, :2] * spin[:, :2], axis=1)
+        return np.asarray(0.4 * self.geometry.ball.radius**2 * along / np.sum(velocity[:, :2] ** 2, axis=1))
+
     def inverse(self, speed: Array, side: Array, height: Array) -> tuple[Array, Array, Array, Array]:
         """The command for ball speeds [m/s] and side and height of their spin [m], all (n,).
 

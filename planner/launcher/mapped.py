@@ -6,7 +6,8 @@ with constants from the literature.
 
 Speed and spin of a stroke are the ball's as it leaves the tip (planner/launcher/stroke.py); the map's balance of
 impulses, with slate, end mass and the zeros of stage and aim, gives the cue speed, stage and yaw for them. The slate
-takes part of the spin, so that contacts at the miscue limit give less spin than their offset would on a free ball. A
+takes part of the spin, so that contacts at the miscue limit give less spin than their offset would on a free ball, and
+turns the axis of sidespin with draw and follow, by up to half a degree of the path once the ball rolls. A
 squirt effect of the model was fitted to clips of mapped strokes: it is a residual and adds to the map's squirt.
 """
 
@@ -32,8 +33,8 @@ from planner.launcher.execution import Execution
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel
 
 Array = NDArray[np.float64]
-REFERENCE_SPEED_M_S = 2.0  # ball speed for gain and spin limit; the gain changes by less than 1 % with speed
-GAIN_GRID_POINTS = 25  # points of the gain table along side and along height
+REFERENCE_SPEED_M_S = 2.0  # ball speed for gain, swerve and spin limit; the gain changes by less than 1 % with speed
+GRID_POINTS = 25  # of the tables of gain and swerve, along side and along height
 LIMIT_DIRECTIONS = 72  # directions in which the spin at the miscue limit is computed
 
 
@@ -45,21 +46,44 @@ class MappedLauncher(LauncherModel):
     squirt_in_model: bool = field(default=False, kw_only=True)  # whether an effect of the model causes all squirt
 
     @cached_property
+    def _offsets(self) -> Array:
+        """Sides, and heights, of the tables below (n,) [m]."""
+        return np.linspace(-1.0, 1.0, GRID_POINTS) * self.offset * self.cueing_map.geometry.ball.radius
+
+    @cached_property
+    def _commands(self) -> Array:
+        """Cue speed and stage for strokes of the tables at the reference speed, (3, n n), at most at the spin's limit.
+
+        Rows of the tables are sides, columns heights.
+        """
+        side, height = (v.ravel() for v in np.meshgrid(self._offsets, self._offsets, indexing="ij"))
+        inside = np.minimum(1.0, self._offsets[-1] / np.maximum(np.hypot(side, height), 1e-12))
+        speed = np.full(side.size, REFERENCE_SPEED_M_S)
+        return np.stack(self.cueing_map.inverse(speed, side * inside, height * inside)[:3])
+
+    def _table(self, values: Array, method: str) -> RegularGridInterpolator:
+        shape = (GRID_POINTS, GRID_POINTS)
+        return RegularGridInterpolator(
+            (self._offsets, self._offsets), values.reshape(shape), method=method, bounds_error=False, fill_value=None
+        )
+
+    @cached_property
     def _gains(self) -> RegularGridInterpolator:
         """Gain over side and height, constant beyond the limit of the spin."""
-        n = GAIN_GRID_POINTS
-        axis = np.linspace(-1.0, 1.0, n) * self.offset * self.cueing_map.geometry.ball.radius
-        side, height = (v.ravel() for v in np.meshgrid(axis, axis, indexing="ij"))
-        offset = np.hypot(side, height)
-        inside = np.minimum(1.0, axis[-1] / np.maximum(offset, 1e-12))
-        speed = np.full(offset.size, REFERENCE_SPEED_M_S)
-        cue_speed, *_ = self.cueing_map.inverse(speed, side * inside, height * inside)
-        gains = (REFERENCE_SPEED_M_S / cue_speed).reshape(n, n)
-        return RegularGridInterpolator((axis, axis), gains, method="cubic", bounds_error=False, fill_value=None)
+        return self._table(REFERENCE_SPEED_M_S / self._commands[0], "cubic")
+
+    @cached_property
+    def _swerves(self) -> RegularGridInterpolator:
+        """Swerve over side and height; linear between, since it bends where the slate's friction begins to hold."""
+        return self._table(self.cueing_map.swerve(*self._commands), "linear")
 
     def gain(self, q: Array, ball: Ball) -> Array:
         """Ball speed, horizontal, over cue speed: (n,)."""
         return np.asarray(self._gains(q[:, [SIDE, HEIGHT]]))
+
+    def swerve(self, q: Array) -> Array:
+        """Offset that stands for the spin about the aim, (n,) [m]: the slate changes it with the height."""
+        return np.asarray(self._swerves(q[:, [SIDE, HEIGHT]]))
 
     def playable(self, q: Array, ball: Ball) -> Array:
         """The nearest strokes that speed strings and stage steps can play: (n, 4)."""
@@ -81,7 +105,7 @@ class MappedLauncher(LauncherModel):
         rows = self.cueing_map.inverse(*(np.array([q[k]]) for k in (SPEED, SIDE, HEIGHT)))
         cue_speed, x, y, squirt = (float(v[0]) for v in rows)
         squirt *= not self.squirt_in_model
-        return self.plan_entries(cue_speed, x, y, float(q[AZIMUTH]), squirt)
+        return self.plan_entries(q, cue_speed, x, y, squirt)
 
     @property
     def device(self) -> Device:

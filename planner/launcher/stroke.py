@@ -3,9 +3,9 @@
 In: strokes q = (speed, azimuth, side, height): horizontal ball speed [m/s], aim [rad], contact point [m]; several are
 (n, 4). Out: the cue ball's velocity and spin, the launcher's command, and the strokes that it can play.
 
-The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (side sin(el) along the aim, height to the
-left of it, side upwards), like the cue commands of clips (sysid/estimation/start_values.py). A fitted squirt effect
-then acts on this in the model.
+The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (swerve along the aim, height to the left
+of it, side upwards). The swerve is side sin(el), as in the cue commands of clips (sysid/estimation/start_values.py),
+where a cueing map does not say more. A fitted squirt effect then acts on this in the model.
 
 The axis of the cue lies (R + r_t) / R farther out than the contact; the cue's speed is V_C = v (1 + M / M_C + 5/2
 rho^2) / ((1 + e) cos(el)); the speed string NNN commands V_C = 2.75 - 0.012312 (NNN - 1) m/s, the line through the
@@ -59,6 +59,14 @@ class LauncherModel:
         top = (1.0 + self.cue.tip_restitution) * math.cos(self.elevation)
         return np.asarray(top / (1.0 + ball.mass / self.cue.mass + 2.5 * rho2))
 
+    def swerve(self, q: Array) -> Array:
+        """Offset that stands for the spin about the aim, which bends the ball's path: (n,) [m]."""
+        return np.asarray(q[:, SIDE] * math.sin(self.elevation))
+
+    def launch(self, q: Array, ball: Ball) -> tuple[Array, Array]:
+        """Velocity (n, 2) [m/s] and spin (n, 3) [rad/s] of the cue ball just after strokes (n, 4)."""
+        return launch(q, self.swerve(q), ball)
+
     def allowed(self, q: Array, ball: Ball, room: float = 0.0) -> NDArray[np.bool_]:
         """Which strokes are within the bounds of cue speed, and `room` [m] or more within that of the offset: (n,)."""
         cue_speed = q[:, SPEED] / self.gain(q, ball)
@@ -98,24 +106,24 @@ class LauncherModel:
         a, b = q[SIDE] / ball.radius, q[HEIGHT] / ball.radius
         squirt = 0.0 if in_model else cueing.squirt(float(a), float(b), ball.mass / self.cue.end_mass)
         axis = (ball.radius + self.cue.tip_radius) / ball.radius
-        return self.plan_entries(cue_speed, float(axis * q[SIDE]), float(axis * q[HEIGHT]), float(q[AZIMUTH]), squirt)
+        return self.plan_entries(q, cue_speed, float(axis * q[SIDE]), float(axis * q[HEIGHT]), squirt)
 
-    def plan_entries(self, cue_speed: float, x0: float, y0: float, azimuth: float, squirt: float) -> dict[str, Any]:
-        """The entries of a plan file, from cue speed [m/s], stage [m], the ball's azimuth and its squirt [rad]."""
-        theta = math.remainder(azimuth - squirt, 2 * math.pi)
+    def plan_entries(self, q: Array, cue_speed: float, x0: float, y0: float, squirt: float) -> dict[str, Any]:
+        """The entries of a plan file for a stroke (4,), from cue speed [m/s], stage [m] and the ball's squirt [rad]."""
+        theta = math.remainder(float(q[AZIMUTH]) - squirt, 2 * math.pi)
         return {
             "string": f"{self.string(cue_speed):03d}p", "x0_mm": round(1e3 * x0, 3) + 0.0,
             "y0_mm": round(1e3 * y0, 3) + 0.0, "theta": theta, "theta_deg": round(math.degrees(theta), 3),
-            "cue_speed": cue_speed, "squirt": squirt,
+            "cue_speed": cue_speed, "squirt": squirt, "swerve": float(self.swerve(q[None])[0]),
         }  # fmt: skip
 
 
-def launch(q: Array, elevation: float, ball: Ball) -> tuple[Array, Array]:
-    """Velocity (n, 2) [m/s] and spin (n, 3) [rad/s] of the cue ball just after strokes (n, 4)."""
+def launch(q: Array, swerve: Array, ball: Ball) -> tuple[Array, Array]:
+    """Velocity (n, 2) [m/s] and spin (n, 3) [rad/s] of the cue ball just after strokes (n, 4) of a swerve (n,) [m]."""
     aim = np.stack([np.cos(q[:, AZIMUTH]), np.sin(q[:, AZIMUTH])], axis=-1)
     left = np.stack([-aim[:, 1], aim[:, 0]], axis=-1)
     lever = 2.5 * q[:, SPEED] / ball.radius**2
-    flat = (lever * q[:, SIDE] * math.sin(elevation))[:, None] * aim + (lever * q[:, HEIGHT])[:, None] * left
+    flat = (lever * swerve)[:, None] * aim + (lever * q[:, HEIGHT])[:, None] * left
     return q[:, SPEED, None] * aim, np.concatenate([flat, (lever * q[:, SIDE])[:, None]], axis=-1)
 
 

@@ -38,7 +38,7 @@ from planner.evaluation.play import Player
 from planner.evaluation.published import with_published_spread
 from planner.evaluation.risk import draw_errors
 from planner.launcher.execution import Execution
-from planner.launcher.stroke import LauncherModel, launch
+from planner.launcher.stroke import LauncherModel
 from planner.planning import make_plan
 from planner.scene import Goal, Scene
 from planner.search.candidates import all_routes
@@ -198,7 +198,7 @@ def judged(
         here = samples.play(Player(model, scene, launcher), q)
         played = samples.execution.perturb(q, samples.normal).reshape(-1, 4)
         p[some, : len(names)] = position
-        v[some, 0], w[some, 0] = launch(played, launcher.elevation, model.ball)
+        v[some, 0], w[some, 0] = launcher.launch(played, model.ball)
         for name, column in values.items():
             column[some] = samples.values.get(name, float(model.parameters()[name]))
         way = "kick" if "by way of" in plan["kind"] else "bank" if " off the " in plan["kind"] else "direct"

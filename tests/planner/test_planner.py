@@ -114,7 +114,7 @@ def test_a_launch_is_what_the_workbench_reads_from_a_cue() -> None:
     """The same command in a clip: speed along the aim, and spin, as sysid begins its fit from."""
     t = np.arange(30) / 120
     for q, elevation in zip(strokes(6, 1), (0.0, 0.11, 0.3, 0.0, 0.11, 0.3), strict=True):
-        velocity, spin = launch(q[None], elevation, BALL)
+        velocity, spin = launch(q[None], q[None, SIDE] * math.sin(elevation), BALL)
         seen = Observation(t, t[:, None] * velocity, np.full(30, np.nan))
         clip = Clip("a", "white", {"white": seen}, CueCommand(*(float(v) for v in q), elevation))
         mean = shot_problem(MODEL, (), ClipSet(TABLE, BALL, 120.0, (clip,)), 5e-4).prior.mean[0]
@@ -147,7 +147,7 @@ def test_ball_speed_over_cue_speed() -> None:
 
 
 def test_two_fifths_of_the_radius_above_the_centre_give_natural_roll() -> None:
-    velocity, spin = launch(np.array([[1.3, 0.7, 0.0, 0.4 * R]]), 0.0, BALL)
+    velocity, spin = launch(np.array([[1.3, 0.7, 0.0, 0.4 * R]]), np.zeros(1), BALL)
     assert slip(velocity[0], spin[0], R) == pytest.approx([0, 0], abs=1e-12)
 
 
@@ -157,7 +157,7 @@ def test_swerve_is_the_published_one(a: float, angle: float) -> None:
 
     Here the offset is that of the spin over the horizontal speed, which is 0.6 % below the speed along the cue.
     """
-    velocity, spin = launch(np.array([[1.0, 0.3, a * R, 0.0]]), math.radians(6.5), BALL)
+    velocity, spin = launch(np.array([[1.0, 0.3, a * R, 0.0]]), np.array([a * R * math.sin(math.radians(6.5))]), BALL)
     rolling = rolling_velocity(velocity[0], spin[0], R)
     assert math.degrees(0.3 - math.atan2(rolling[1], rolling[0])) == pytest.approx(angle, rel=0.01)
 

@@ -260,7 +260,7 @@ def test_the_published_stroke() -> None:
     q = np.zeros((4, 4))
     q[:, SPEED], q[:, AZIMUTH], q[:, HEIGHT] = speeds, 0.515 - math.pi / 2, -0.011 * R / (R + 0.010)
     v, w = np.zeros((4, 2, 2)), np.zeros((4, 2, 3))
-    v[:, 0], w[:, 0] = launch(q, 0.0, BALL)
+    v[:, 0], w[:, 0] = launch(q, np.zeros(4), BALL)
     start = np.broadcast_to(PUBLISHED.position, (4, 2, 2))
     model = full_model(PAPER, BALL).with_values(
         {"decoupled_cloth.slide": 0.212, "ball_impact.restitution": 0.89, "cushion_impact.restitution": 0.98}

@@ -358,7 +358,7 @@ def test_the_end_of_a_clip_of_the_example() -> None:
     for clip, words in ((13, ("13", "1 to 12")), (0, ("0", "1 to 12")), ("clips/001.csv", ("did you mean",))):
         line = refusal(lambda clip=clip: scene_from_clips(EXAMPLE, goal, clip))  # type: ignore[misc]
         assert [word for word in words if word not in line] == []
-    assert "only 'cue'" in refusal(lambda: scene_from_clips(EXAMPLE, goal))
+    assert "name one of those found: 'cue'" in refusal(lambda: scene_from_clips(EXAMPLE, goal))
 
 
 def test_balls_gone_before_the_end_of_a_clip(tmp_path: Path) -> None:

@@ -122,9 +122,14 @@ def test_balls_and_strokes_come_from_scenes_plans_and_clips(tmp_path: Path) -> N
     assert scene.stroke == (3.0, pytest.approx(math.atan2(way[1], way[0])), 0.002, 0.0)
     plan = {"speed": 1.2, "azimuth": 0.4, "side": 0.001, "height": -0.003, "elevation": 0.11}
     file = tmp_path / "plan.json"
-    file.write_text(json.dumps({"format": FORMAT, "scene": scene_dict(example_scene()), "stroke": plan}))
+    file.write_text(
+        json.dumps(
+            {"format": FORMAT, "scene": scene_dict(example_scene()), "stroke": plan, "launcher": {"swerve": 7e-5}}
+        )
+    )
     planned = setup_of(str(file), "--height", "0.004")
-    assert (planned.stroke, planned.elevation) == ((1.2, 0.4, 0.001, 0.004), 0.11)
+    assert (planned.stroke, planned.swerve) == ((1.2, 0.4, 0.001, 0.004), pytest.approx(0.001 * math.sin(0.11)))
+    assert setup_of(str(file)).swerve == 7e-5, "that of the plan's contact"
     assert planned.names == example_scene().names
     clip = setup_of(str(CLIPS), "--clip", "2")
     assert clip.names[0] and 0.1 < clip.stroke[0] < 10

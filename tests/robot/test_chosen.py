@@ -77,7 +77,7 @@ def test_the_shots_that_a_refit_asks_for_come_in_its_order(folder: Path) -> None
 
 def test_a_shot_of_the_cue_ball_alone_meets_no_other(folder: Path) -> None:
     scene = chosen(folder, 0).scene
-    velocity, spin = launch(np.array([[1.5, 0.4, 0.004, -0.003]]), 0.0, SNOOKER_BALL)
+    velocity, spin = launch(np.array([[1.5, 0.4, 0.004, -0.003]]), np.zeros(1), SNOOKER_BALL)
     still = np.zeros((1, 2)), np.zeros((1, 3))
     played = Shot(
         NAMES, scene.position, np.concatenate([velocity, still[0]]), np.concatenate([spin, still[1]]),

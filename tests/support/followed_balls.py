@@ -171,11 +171,11 @@ class Knowing:
 
     def find(
         self, picture: Picture, expected: Sequence[Expected] = (), shutter: Shutter | None = None,
-        taken: Sequence[np.ndarray] = (),
+        taken: Sequence[Detection] = (),
     ) -> list[Detection]:  # fmt: skip
         index = 256 * int(picture[0, 0, 0]) + int(picture[0, 0, 1])
         self.asked[bool(expected)] += 1
         if not expected:
-            return [s for s in self.seen[index] if all(np.hypot(*(s.xy - at)) > s.radius for at in taken)]
+            return [s for s in self.seen[index] if all(np.hypot(*(s.xy - one.xy)) > s.radius for one in taken)]
         near = [(s, one) for s in self.seen[index] for one in expected if s.name == one.name]
         return [s for s, one in near if np.hypot(*(s.xy - one.xy)) < 60]

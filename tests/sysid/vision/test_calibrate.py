@@ -138,7 +138,7 @@ def test_a_wrong_width_is_not_trusted(straight: tuple[Camera, Picture], width: f
     camera, picture = straight
     found = calibrate(picture, Table(2.0, width), DIAMETER, CameraHints(fov=fov(camera)))
     assert found.doubts, "at 1.05 m the cushions' outer edges have the aspect of such a table"
-    assert all("--width" in doubt for doubt in found.doubts)
+    assert all("length and width" in doubt for doubt in found.doubts)
 
 
 @pytest.mark.slow
