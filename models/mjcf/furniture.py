@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from models.mjcf.snooker import D_RADIUS_M, FULL_LENGTH, spots
+from models.mjcf.snooker import D_RADIUS_M, FULL_LENGTH, is_snooker, spots
 from models.pocket_shape import SNOOKER_POCKETS
 from models.shot import NOSE_HEIGHT, Array, Table
 
@@ -242,6 +242,6 @@ def furnish(
     _frame(spec, table, pockets, nose + LIP_HEIGHT_M)
     for number, (x, y) in enumerate(pockets):
         _pocket(spec, number, table, x, y, nose + LIP_HEIGHT_M)
-    if table.pockets:
+    if is_snooker(table, radius):
         _markings(spec, table)
     _stand(spec, table)

@@ -10,6 +10,12 @@ FULL_LENGTH = 3.569  # length of the table in the rules [m]
 SNOOKER_TABLE, SNOOKER_BALL = Table(FULL_LENGTH, 1.778), Ball(0.0525, 0.1406)
 BAULK_LINE_M, D_RADIUS_M, BLACK_SPOT_M = 0.737, 0.292, 0.324  # the black spot is measured from its cushion
 RACK_GAP_M = 0.0005  # gap between racked balls
+MAX_SNOOKER_RADIUS_M = 0.027  # between snooker's balls, of 52.5 mm, and pool's, of 57.15 mm
+
+
+def is_snooker(table: Table, radius: float) -> bool:
+    """Whether a table with balls of this radius [m] is one of snooker, with a baulk line and a D."""
+    return bool(table.pockets) and radius <= MAX_SNOOKER_RADIUS_M
 
 
 def spots(table: Table) -> dict[str, Array]:

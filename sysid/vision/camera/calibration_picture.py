@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.files import write_whole
+from models.mjcf.snooker import BAULK_LINE_M, D_RADIUS_M, FULL_LENGTH, is_snooker
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.calibrate import Calibration
 from sysid.vision.camera.calibration_report import rows
@@ -33,9 +34,6 @@ GRID_COLOUR: Bgr = (225, 225, 225)
 BALL_COLOUR: Bgr = (0, 0, 255)
 GIVEN_COLOUR: Bgr = (255, 255, 255)
 GRID_SPACING_M = 0.25  # of the lines drawn on the plane of the balls
-MAX_SNOOKER_RADIUS_M = 0.027  # between snooker's balls, of 52.5 mm, and pool's, of 57.15 mm
-BAULK_LENGTHS = 737 / 3569  # of the baulk line from its cushion (World Snooker rules, 1), in lengths of the table
-BAULK_RADIUS_LENGTHS = 292 / 3569  # of the D
 MAX_LINE_CHARS = 140  # of text below a picture: what its width holds
 MIN_PICTURE_WIDTH_PX = 1000  # below which the text is not legible
 DETAIL_PX = 72  # side of what is magnified, in a picture 1280 wide
@@ -169,12 +167,12 @@ def _pockets(camera: Camera) -> list[Array]:
 
 def _baulk(camera: Camera) -> list[Array]:
     """The baulk line and the D of a snooker table, at its left end: (n, 3) [m] each; none on another table."""
-    if not camera.table.pockets or camera.radius > MAX_SNOOKER_RADIUS_M:
+    if not is_snooker(camera.table, camera.radius):
         return []
     length, width = camera.table.length, camera.table.width
-    x, angle = (BAULK_LENGTHS - 0.5) * length, np.linspace(np.pi / 2, 3 * np.pi / 2, 60)
+    x, angle = (BAULK_LINE_M / FULL_LENGTH - 0.5) * length, np.linspace(np.pi / 2, 3 * np.pi / 2, 60)
     across = np.column_stack([np.full(60, x), np.linspace(-width / 2, width / 2, 60), np.zeros(60)])
-    ring = BAULK_RADIUS_LENGTHS * length * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(60)])
+    ring = D_RADIUS_M / FULL_LENGTH * length * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(60)])
     return [across, ring + np.array([x, 0.0, 0.0])]
 
 

@@ -120,6 +120,12 @@ def test_restitution_of_impacts_is_mapped_to_stiffness_and_damping() -> None:
     assert (speed[1] - speed[0]) == pytest.approx(0.92, abs=0.03), "the cloth takes a little meanwhile"
 
 
+def test_only_a_table_of_snooker_has_a_baulk_line() -> None:
+    for ball, drawn in ((SNOOKER, True), (Ball(0.05715, 0.163), False)):
+        model = build_spec(Table(2.54, 1.27), ball, NAMES, (Native(),), furnished=True).compile()
+        assert (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "baulk line") >= 0) == drawn
+
+
 def test_default_classes_are_named() -> None:
     spec = build_spec(FULL, SNOOKER, NAMES, furnished=True)
     for name in ("bed", "cushion", "ball", "fixture", "ball_bed", "ball_ball", "ball_cushion"):
