@@ -44,7 +44,8 @@ MIN_TRACK_DETECTIONS = 10  # of a track that is returned
 UNCONFIRMED_HYPOTHESES = ("jump", "again")  # that need further detections
 MIN_SEPARATION_RADII = 1.2  # between the detections of two balls
 # Of a ball's colours about their mean, as it turns, in other light or under a hand (Cauchy). In ten films the median of
-# moving balls was 0.006 to 0.07, mostly 0.02 to 0.05; any scale from 0.02 to 0.1 gives nearly the same tracks but of a break.
+# moving balls was 0.006 to 0.07, mostly 0.02 to 0.05; any scale from 0.02 to 0.1 gives nearly the same tracks, but not
+# of a break.
 FACE_COLOUR_SCALE = 0.03
 COLOUR_MEMORY = 0.1  # part of a detection in the mean colour
 CONVERSION_BATCH = 4000  # detections projected to the table at a time
