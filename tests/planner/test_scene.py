@@ -287,7 +287,7 @@ def test_balls_in_a_pack_are_told_if_not_made_out(photo: Path, tmp_path: Path) -
     found = balls_in_picture(tmp_path / "pack.png", photo / "cam.toml")
     (line,) = (line for line in found.notes if "not recognised" in line)
     assert (missing := 8 - len(found.names)) > 0
-    assert f"of {'a ball' if missing == 1 else f'{missing} balls'} at 0.2" in line
+    assert f"of {'one ball' if missing == 1 else f'{missing} balls'} at 0.2" in line
 
 
 def test_a_picture_that_is_not_the_cameras_or_shows_no_ball(photo: Path, tmp_path: Path) -> None:
