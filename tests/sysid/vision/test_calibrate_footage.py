@@ -79,7 +79,7 @@ def test_balls_of_another_size_are_refused() -> None:
     motion = Motion(names, np.array([0.0, 1.0]), np.stack([place, place]), still)
     (picture,) = film.film(camera, motion, np.array([0.5]), REAL)
     wrong = calibrate(picture, camera.table, 0.82 * DIAMETER)
-    assert any("--diameter" in doubt for doubt in wrong.doubts)
+    assert any("check the sizes of balls and table" in doubt for doubt in wrong.doubts)
 
 
 @pytest.mark.slow
