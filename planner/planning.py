@@ -201,7 +201,7 @@ def _kind(stroke: RankedStroke, radius: float) -> str:
 def _utility(stroke: RankedStroke) -> str:
     """The expected utility that ranks a stroke: that in the event engine, and by how much MuJoCo differs."""
     text, gain = f"{stroke.evaluation.value:.3f}", stroke.mujoco_gain
-    if f"{abs(gain):.3f}" == "0.000":
+    if round(gain, 3) == 0:
         return text
     return f"{text} in the event engine and {abs(gain):.3f} {'more' if gain > 0 else 'less'} in MuJoCo"
 

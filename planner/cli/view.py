@@ -157,6 +157,7 @@ def _racked(table: Table, ball: Ball) -> dict[str, Array]:
 
 def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, float]]:
     """Table, ball, positions by name (the ball to be struck first), and known parts of the stroke."""
+    from models.files import entries_of
     from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from planner.scene import read_scene, scene_from
     from sysid.clips.trust import tell_doubts
@@ -176,9 +177,10 @@ def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, floa
         scene = scene_from(plan.get("scene"), str(source))
         if plan.get("stroke") is None:
             raise BadInput(f"{source}: holds no stroke; name its scene file, and give --speed and --azimuth")
-        known = {k: float(plan["stroke"][k]) for k in GivenStroke.__annotations__}
-        if "swerve" in plan.get("launcher", {}):
-            known["swerve"] = float(plan["launcher"]["swerve"])
+        with entries_of(source, "make it again with: planner plan"):
+            known = {k: float(plan["stroke"][k]) for k in GivenStroke.__annotations__}
+            if "swerve" in plan.get("launcher", {}):
+                known["swerve"] = float(plan["launcher"]["swerve"])
     else:
         scene = read_scene(source)
     tell_doubts(source, scene.camera_doubts)

@@ -53,12 +53,9 @@ def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[
 def own_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
     """Negative log likelihood of every shot at its own most likely discrepancy, and these rates: (n,), (n,).
 
-    The rate is 0 for a shot that misses by no more than noise explains. States of one shot are compared by it, since it
-    does not depend on the other shots.
+    States of one shot are compared by it, since it does not depend on the other shots.
     """
-    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(0.0)
-    fits = within_noise(*shot_losses(bare, x, c), problem.correlation_time)
-    rates = np.where(fits, 0.0, problem.discrepancy_rates(x, c))
+    rates = _own_rates(problem, x, c)
     return weighed_scores(problem.with_own_rates(rates), x, c, 0.0)[0], rates
 
 
@@ -67,8 +64,15 @@ def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]
 
     Models are compared by it, since none follows a shot better than most but by chance.
     """
-    rates = own_scores(problem, x, c)[1]
+    rates = _own_rates(problem, x, c)
     return weighed_scores(problem.with_own_rates(rates), x, c, float(np.median(rates)))[0], rates
+
+
+def _own_rates(problem: ShotProblem, x: Array, c: Array) -> Array:
+    """The most likely discrepancy rate of every shot (n,): 0 where it misses by no more than noise explains."""
+    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(0.0)
+    fits = within_noise(*shot_losses(bare, x, c), problem.correlation_time)
+    return np.where(fits, 0.0, problem.discrepancy_rates(x, c))
 
 
 def weighed_scores(problem: ShotProblem, x: Array, c: Array, rate: float) -> tuple[Array, Array]:

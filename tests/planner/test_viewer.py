@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model, write_model
 from models.shot import Table
@@ -133,6 +134,18 @@ def test_balls_and_strokes_come_from_scenes_plans_and_clips(tmp_path: Path) -> N
     assert planned.names == example_scene().names
     clip = setup_of(str(CLIPS), "--clip", "2")
     assert clip.names[0] and 0.1 < clip.stroke[0] < 10
+
+
+def test_a_plan_with_wrong_entries_is_named(tmp_path: Path) -> None:
+    right = {"speed": 1.2, "azimuth": 0.4, "side": 0.001, "height": -0.003, "elevation": 0.11}
+    file = tmp_path / "plan.json"
+    for stroke, swerve in (({"speed": 1.2}, 0.0), (right | {"speed": "fast"}, 0.0), ([1], 0.0), (right, "x")):
+        plan = {"format": FORMAT, "scene": scene_dict(example_scene()), "stroke": stroke}
+        file.write_text(json.dumps(plan | {"launcher": {"swerve": swerve}}))
+        with pytest.raises(
+            BadInput, match=r"plan\.json: (lacks|has a wrong entry:) .*; make it again with: planner plan"
+        ):
+            setup_of(str(file))
 
 
 @pytest.mark.gl
