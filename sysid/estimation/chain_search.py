@@ -25,7 +25,7 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.residual_rows import MOTION_SIZE
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.least_squares import Objective, Prior, fit_each, loss
-from sysid.estimation.state_search import SEARCH_EFFORTS, searched_states, standing_out
+from sysid.estimation.state_search import SEARCH_EFFORTS, from_other_sidespins, searched_states, standing_out
 from sysid.estimation.windows import columns, shot_states, windows_of
 
 MAX_SEARCHES = 3  # searches of the states of all windows, at most,
@@ -199,9 +199,8 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
     has impacts, each of which adds optima, and at least twice. Then those that stand out are searched with more effort,
     if that is no more work than one search of all. Each shot keeps its most likely state.
     """
-    x = fit_states(
-        problem.with_discrepancy(chain.spread.path), _first_states(chain, states, problem), c, SETTLING_STEPS
-    )
+    seen = problem.with_discrepancy(chain.spread.path)
+    x = from_other_sidespins(seen, fit_states(seen, _first_states(chain, states, problem), c, SETTLING_STEPS), c)
     score, own = own_scores(problem, x, c)
     times, enough = np.ones(len(x)), np.maximum([len(e) for e in problem.events], 2)
     for effort in SEARCH_EFFORTS:

@@ -37,6 +37,7 @@ FINE_SHARE = 3  # one in this number of draws gets the fine steps
 BETTER_LOSS = 0.5  # improvement of a shot's loss that justifies more starts: half a squared standard deviation
 SAME_OPTIMUM_SD = 1.0  # standard deviations within which two optima are one
 QUARTILE_TO_SD = 1.4826  # of a normal distribution: sd over the distance of its median from its lower quartile
+SIDESPIN = 6  # its column among initial states
 SEARCH_EFFORTS = (1, 3, 9)  # factors on optima and draws, if a shot is not found with fewer
 SHOTS_AT_ONCE = 128  # bounds the memory
 log = logging.getLogger(__name__)
@@ -75,6 +76,27 @@ def searched_states(problem: ShotProblem, c: Array, effort: int = 1, seed: int =
         optima = up_to_event(problem, optima, c, stage, effort, seed)
         log.info("%s up to event %d of %d", counted(len(problem.clips), "shot"), stage + 1, problem.stages)
     return best_whole(problem, optima, c)
+
+
+def from_other_sidespins(problem: ShotProblem, x: Array, c: Array) -> Array:
+    """Initial states (n, p), or those fitted from other sidespins of the struck ball where these are likelier.
+
+    A sidespin that the cloth ends before the first impact changes no sample, and neither does a little more of it, so
+    that a fit which begins there ends there. Others begin at sidespins spread evenly over the prior.
+    """
+    sd, hits = problem.prior.sd[:, SIDESPIN], np.array([len(times) > 0 for times in problem.events])
+    rows = np.flatnonzero(np.isfinite(sd) & hits)
+    if not rows.size:
+        return x
+    shots = np.repeat(rows, FIRST_DRAWS)
+    starts = x[shots]
+    away = np.tile(ndtri((np.arange(FIRST_DRAWS) + 0.5) / FIRST_DRAWS), rows.size)
+    starts[:, SIDESPIN] = problem.prior.mean[shots, SIDESPIN] + away * sd[shots]
+    seen = problem.objective()
+    found, loss = fit_each(seen, seen.inside(starts), c, COARSE_STEPS + FINE_STEPS, shots)
+    every = np.concatenate([np.arange(len(x)), shots])
+    order = np.lexsort((np.concatenate([shot_losses(problem, x, c)[0], loss]), every))
+    return Optima(every[order], np.concatenate([x, found])[order]).best
 
 
 def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:

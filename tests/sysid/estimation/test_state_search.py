@@ -15,10 +15,10 @@ from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.noise import position_noise
 from sysid.estimation.chain_search import found_states
 from sysid.estimation.from_nothing import begin
-from sysid.estimation.initial_states import own_scores
+from sysid.estimation.initial_states import fit_states, own_scores
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import shot_problem
-from sysid.estimation.state_search import searched_states
+from sysid.estimation.state_search import SIDESPIN, from_other_sidespins, searched_states
 from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, SNOOKER, long_shots, struck_rms, true_model
 
 
@@ -45,6 +45,27 @@ def test_a_shot_begins_as_seen_before_its_first_impact() -> None:
     problem = shot_problem(model, (), ClipSet(model.table, model.ball, 60.0, (clip,), NOISE_M), NOISE_M)
     assert problem.azimuth[0] == pytest.approx(azimuth, abs=0.05)
     assert struck_rms(problem, found_states(problem, NO_CONSTANTS))[0] < 1.2 * math.sqrt(2) * NOISE_M
+
+
+def test_sidespin_that_the_cloth_would_end_is_found() -> None:
+    """Where a fit begins without sidespin, a little of it changes nothing: it is gone before the balls meet."""
+    model = true_model(*SNOOKER)
+    times, aside, radius = np.arange(0.0, 2.0, 1 / 120), 0.6, model.ball.radius
+    at = np.array([[-0.5, 0.0], [0.0, aside * 2 * radius]])
+    spin = np.array([[0.0, 0.0, 0.43 / radius], [0.0, 0.0, 0.0]])
+    shot = Shot(("white", "red"), at, np.array([[1.9, 0.0], [0.0, 0.0]]), spin, times)
+    path, draw = simulate(model, [shot])[0].position, np.random.default_rng(0)
+    seen = {
+        name: Observation(times, path[:, k] + draw.normal(0, NOISE_M, path[:, k].shape), times * np.nan)
+        for k, name in enumerate(shot.names)
+    }
+    clips = ClipSet(model.table, model.ball, 120.0, (Clip("clips/0.csv", "white", seen),), NOISE_M)
+    problem = shot_problem(model, (), clips, NOISE_M)
+    x = problem.start.copy()
+    x[0, SIDESPIN] = 0.0
+    stuck = fit_states(problem, x, NO_CONSTANTS, 40)
+    assert stuck[0, SIDESPIN] == 0.0, "where a fit from nothing ends"
+    assert from_other_sidespins(problem, stuck, NO_CONSTANTS)[0, SIDESPIN] == pytest.approx(0.43, abs=0.05)
 
 
 @pytest.mark.slow
