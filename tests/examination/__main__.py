@@ -203,6 +203,46 @@ def bumped_camera(seen: tuple[float, float], order: float) -> tuple[float, float
     return seen[0], seen[1] + (0.003 if order > 0.55 else 0.0)
 
 
+def sticky_crawl(world: World) -> None:
+    """Rolling friction is 1 + 0.30 exp(-speed / 0.25) times as high: slow balls stop early."""
+    world.roll = _times(world.roll, lambda seen: 1.0 + 0.30 * math.exp(-math.hypot(seen.ball[2], seen.ball[3]) / 0.25))
+
+
+def worn_centre(world: World) -> None:
+    """Sliding friction is 0.85 + 0.12 r^2 times as high, r in metres from the middle of the table."""
+    world.slide = _times(world.slide, lambda seen: 0.85 + 0.12 * (seen.ball[0] ** 2 + seen.ball[1] ** 2))
+
+
+def warming_rail(world: World) -> None:
+    """The cushion at +x returns less from clip to clip, by 0.08 in all."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.08 * seen.order if seen.rail == "+x" else 0.0)
+
+
+def biting_rubber(world: World) -> None:
+    """Friction of cushions is higher by 0.10 (1 - exp(-approach / 0.8))."""
+    world.cushion_mu = _plus(world.cushion_mu, lambda seen: 0.10 * (1.0 - math.exp(-seen.approach / 0.8)))
+
+
+def saturating_throw(world: World) -> None:
+    """Friction of balls is higher by 0.08 slip / (slip + 0.5)."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: 0.08 * seen.slip / (seen.slip + 0.5))
+
+
+def clinging_touch(world: World) -> None:
+    """Friction of balls is higher by 0.08 below 0.7 m/s of approach."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: 0.08 if seen.approach < 0.7 else 0.0)
+
+
+def drying_cloth(world: World) -> None:
+    """Rolling friction is 1 - 0.12 exp(-order / 0.25) times as high: the cloth dries in the session."""
+    world.roll = _times(world.roll, lambda seen: 1.0 - 0.12 * math.exp(-seen.order / 0.25))
+
+
+def wavy_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is wavy: y + 0.003 sin(3 x)."""
+    return seen[0], seen[1] + 0.003 * math.sin(3.0 * seen[0])
+
+
 PHYSICS: dict[str, Change] = {
     one.__name__: one
     for one in (
@@ -210,13 +250,14 @@ PHYSICS: dict[str, Change] = {
         *(uneven_stretch, two_pieces, chalky_stretch, tired_rubber, soft_red, gripping_spin),
         *(damp_end, brushed_one_way, dead_end, sticky_when_new, dust_on_balls, chipped_balls, evening_cloth),
         *(pressed_seam, damp_edges, bolted_rubber, greasy_cushions, warm_balls, other_balls),
+        *(sticky_crawl, worn_centre, warming_rail, biting_rubber, saturating_throw, clinging_touch, drying_cloth),
     )
 }
 PICTURES = {
     one.__name__: one
     for one in (
         *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
-        *(folded_picture, bumped_camera),
+        *(folded_picture, bumped_camera, wavy_picture),
     )
 }
 WITH_TEMPERATURE = (warm_room.__name__, evening_cloth.__name__, warm_balls.__name__)

@@ -149,14 +149,9 @@ class World:
                 if depth < 0.0 or speed <= 0.0:
                     continue
                 outward = (side, 0.0) if axis == 0 else (0.0, side)
-                seen = Seen(
-                    ball,
-                    number,
-                    approach=speed,
-                    rail="+-"[side < 0] + "xy"[axis],
-                    order=self.order,
-                    celsius=self.celsius,
-                )
+                slip = math.hypot(*self._slip(ball, (outward[0] * NOSE_COS, outward[1] * NOSE_COS, NOSE_SIN)))
+                rail = "+-"[side < 0] + "xy"[axis]
+                seen = Seen(ball, number, slip, speed, rail, order=self.order, celsius=self.celsius)
                 self._strike_cushion(ball, outward, speed, seen)
 
     def _strike_cushion(self, ball: Ball, out: tuple[float, float], speed: float, seen: Seen) -> None:
@@ -195,18 +190,21 @@ class World:
         self, ball: Ball, now: Ball, point: tuple[float, float, float], impulse: float, mu: float, cloth: float
     ) -> None:
         """The same by the slips of a state."""
-        radius, mass = self.radius, self.mass
         px, py, pz = point
-        _, _, vx, vy, wx, wy, wz = now
-        sx, sy, sz = vx + radius * (wy * pz - wz * py), vy + radius * (wz * px - wx * pz), radius * (wx * py - wy * px)
-        normal = sx * px + sy * py + sz * pz
-        sx, sy, sz = sx - normal * px, sy - normal * py, sz - normal * pz
-        slip = math.sqrt(sx * sx + sy * sy + sz * sz)
-        size = min(mu * impulse, 2.0 / 7.0 * mass * slip) / slip if slip > 1e-12 else 0.0
+        sx, sy, sz = self._slip(now, point)
+        slip = math.hypot(sx, sy, sz)
+        size = min(mu * impulse, 2.0 / 7.0 * self.mass * slip) / slip if slip > 1e-12 else 0.0
         fx, fy, fz = -size * sx, -size * sy, -size * sz
         self._add(ball, (-impulse * px + fx, -impulse * py + fy), (fx, fy, fz), point)
         down = impulse * pz - fz
         self._press(ball, now, down, cloth)
+
+    def _slip(self, now: Ball, point: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Velocity of the ball's surface at a point (unit vector from its centre), without that towards the point."""
+        radius, (px, py, pz), (_, _, vx, vy, wx, wy, wz) = self.radius, point, now
+        sx, sy, sz = vx + radius * (wy * pz - wz * py), vy + radius * (wz * px - wx * pz), radius * (wx * py - wy * px)
+        normal = sx * px + sy * py + sz * pz
+        return sx - normal * px, sy - normal * py, sz - normal * pz
 
     def _add(
         self, ball: Ball, linear: tuple[float, float], force: tuple[float, float, float],
@@ -241,7 +239,8 @@ class World:
         if closing <= 0.0:
             return
         n = (dx / gap, dy / gap)
-        seen = Seen(one, a, approach=closing, other=b, order=self.order, celsius=self.celsius)
+        slip = math.hypot(*self._slips(one, two, n))
+        seen = Seen(one, a, slip, closing, other=b, order=self.order, celsius=self.celsius)
         e, mu, cloth = self.ball_e(seen), self.ball_mu(seen), self.slide(seen)
         step = 0.5 * self.mass * closing / IMPULSE_STEPS
         work, least, returned = 0.0, 0.0, False
@@ -275,10 +274,9 @@ class World:
         cloth: float,
     ) -> None:  # fmt: skip
         """The same by the slips of two states."""
-        radius, mass = self.radius, self.mass
+        mass = self.mass
         (p, q), (tx, ty) = now, (n[1], -n[0])
-        st = (p[2] - q[2]) * tx + (p[3] - q[3]) * ty - radius * (p[6] + q[6])
-        sz = radius * ((p[4] + q[4]) * tx + (p[5] + q[5]) * ty)
+        st, sz = self._slips(p, q, n)
         slip = math.hypot(st, sz)
         size = min(mu * impulse, mass * slip / 7.0) / slip if slip > 1e-12 else 0.0
         fx, fy, fz = -size * st * tx, -size * st * ty, -size * sz
@@ -286,3 +284,9 @@ class World:
         self._add(two, (impulse * n[0] - fx, impulse * n[1] - fy), (-fx, -fy, -fz), (-n[0], -n[1], 0.0))
         self._press(one, p, -fz, cloth)
         self._press(two, q, fz, cloth)
+
+    def _slips(self, one: Ball, two: Ball, n: tuple[float, float]) -> tuple[float, float]:
+        """Velocity of one ball's surface over the other's where they touch, across and up."""
+        tx, ty = n[1], -n[0]
+        across = (one[2] - two[2]) * tx + (one[3] - two[3]) * ty - self.radius * (one[6] + two[6])
+        return across, self.radius * ((one[4] + two[4]) * tx + (one[5] + two[5]) * ty)
