@@ -141,7 +141,7 @@ class Looked:
 
 def look(
     base: Point, score: Callable[[Sequence[Candidate]], Scores], formula: SparseFormula | None,
-    named: Sequence[Candidate],
+    named: Sequence[Candidate], *, joint: bool = False,
 ) -> Looked:  # fmt: skip
     """Score effects, unknown functions and terms for a fit.
 
@@ -150,8 +150,9 @@ def look(
         score: scores candidates for the fit.
         formula: of the fit.
         named: effects that the fit lacks.
+        joint: see `blocks`.
     """
-    seen, counts, free = _functions(base, formula)
+    seen, counts, free = _functions(base, formula, joint)
     unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
     terms = without_terms([(term,) for term in library(base.model.table, counts, unseen)], _names_in(formula))
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
@@ -159,12 +160,14 @@ def look(
     return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
 
 
-def _functions(base: Point, formula: SparseFormula | None) -> tuple[dict[str, Span], dict[str, int], list[Block]]:
+def _functions(
+    base: Point, formula: SparseFormula | None, joint: bool
+) -> tuple[dict[str, Span], dict[str, int], list[Block]]:
     """Ranges of the variables in a fit's clips, the numbers of counted things, and all blocks beside a formula."""
     clips, table = base.problem.clips, base.model.table
     seen, counts = ranges(clips, table.length, table.width, base.model.ball.radius), counts_of(clips)
     known = {(one.quantity, one.variable) for one in (formula.terms if formula else ()) if one.variable}
-    return seen, counts, blocks(seen, counts, known)
+    return seen, counts, blocks(seen, counts, known, joint=joint)
 
 
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[SparseFormula]:
@@ -199,11 +202,13 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     if not rivals:
         return []
     shape = rivals[0][0]
-    by_order = (shape[0].quantity, ("order",))
-    own = [one.log_odds for one in found if one.block and (one.block.quantity, one.block.variables) == by_order]
-    of_session = shape[0].depends_on[0] in OF_SESSIONS
-    if not of_session and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS:
-        log.info("%s may equally differ from clip to clip", shape[0].quantity)
+    quantity, on = shape[0].quantity, shape[0].depends_on
+    own = [
+        one.log_odds for one in found
+        if one.block and one.block.quantity == quantity and "order" in one.block.variables
+    ]  # fmt: skip
+    if not OF_SESSIONS & set(on) and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS:
+        log.info("%s may equally differ from clip to clip", quantity)
         return []
     names = ", ".join(term.name for term in shape)
     log.info("likeliest is %s, with log odds of %.1f; as terms %s", found[0].name, found[0].log_odds, names)
@@ -223,7 +228,7 @@ def reshaped(
     """
     old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
     at = dict(zip(base.names, base.constants.tolist(), strict=True))
-    seen, _, free = _functions(base, found)
+    seen, _, free = _functions(base, found, joint=True)
     for block in free:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):

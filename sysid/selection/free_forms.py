@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from models import formula as kinds
-from models.free_form import ALONE, PERIODIC, SPLINE, STEPS, Axis, FreeForm, free_form
+from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, STEPS, Axis, FreeForm, free_form
 from models.variables import SESSION_VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
@@ -85,10 +85,10 @@ class Block:
         variable, axis = self.variables[0], self.axes[0]
         if len(self.variables) > 1:
             over = self.variables[1]
-            return shapes_at_one(self.quantity, variable, axis.count, over, *seen[over])
+            return shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))
         if axis.kind == STEPS:
             return counted_shapes(self.quantity, variable, axis.count)
-        span = seen.get(variable, Span(-math.pi, math.pi))
+        span = seen.get(variable, AROUND)
         local = local_curves(self.quantity, variable, span.low, span.high) if self.is_fine else []
         return [*shapes(self.quantity, variable, *span), *local]
 
@@ -118,6 +118,9 @@ class Span(NamedTuple):
     low: float
     high: float
     places: tuple[float, ...] | None = None  # of steps, between values that clips have; None where each has many
+
+
+AROUND = Span(-math.pi, math.pi)  # of a heading
 
 
 def ranges(clips: Sequence[Clip], length: float, width: float, radius: float) -> dict[str, Span]:
@@ -157,13 +160,16 @@ def counts_of(clips: Sequence[Clip]) -> dict[str, int]:
     return {name: count if count > 1 else 0 for name, count in counts.items()}
 
 
-def blocks(seen: Mapping[str, Span], counted: dict[str, int], known: Collection[tuple[str, str]] = ()) -> list[Block]:
+def blocks(
+    seen: Mapping[str, Span], counted: dict[str, int], known: Collection[tuple[str, str]] = (), *, joint: bool = False
+) -> list[Block]:
     """All of one variable, and of those that a quantity may depend on together.
 
     Args:
         seen: ranges of the variables.
         counted: numbers of what is counted.
         known: quantities and variables of a formula; what these leave may vary over less.
+        joint: whether every other variable may matter at a single rail, ball, table or player.
     """
     axes = {name: Axis.over(name, span.low, span.high, INTERVALS) for name, span in seen.items()}
     fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
@@ -175,8 +181,10 @@ def blocks(seen: Mapping[str, Span], counted: dict[str, int], known: Collection[
             if name in axes:
                 axis = fine[name] if (quantity, name) in known and name in fine else axes[name]
                 found.append(Block(quantity, (name,), (axis, ALONE)))
-        for pair in VARIABLE_PAIRS:
-            if all(name in axes and name in its for name in pair):
+        at_one = [name for name in its if name in axes and name in COUNTED_VARIABLES]
+        for pair in itertools.product(at_one, [name for name in its if name in axes and name not in COUNTED_VARIABLES]):
+            few = math.prod(axes[name].count for name in pair) <= MAX_COEFFICIENTS
+            if pair in VARIABLE_PAIRS or (joint and few):
                 found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
     return found
 

@@ -70,20 +70,26 @@ class Round(Generic[V]):
         return self.screening.best.name if self.screening.best else None
 
 
-def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float = ERROR_RATE) -> Round[V]:
+def next_cause(
+    view: V, formula: SparseFormula | None = None, error_rate: float = ERROR_RATE, *, joint: bool = False
+) -> Round[V]:
     """Add the likeliest cause to a fit; the same fit if nothing is likely.
 
     A fit that lacks much may have constants so biased that the scores of the missing causes vanish. If an unknown
     function or a term is likeliest, and accepted, it is fitted first; its replacement is then sought with the losses of
     the shots that this fit follows, and fitted from there.
 
+    If something is likelier than chance, and no cause is accepted, the cause may act at one rail or ball only, and
+    depend there on anything else. Such functions, which are many, are scored last.
+
     Args:
         view: the fit.
         formula: of the fit.
         error_rate: of an added cause.
+        joint: whether functions of a rail, ball, table or player and another variable are scored, too.
     """
     named = candidates_for(view.model)
-    seen = look(view.point, view.scores, formula, named)
+    seen = look(view.point, view.scores, formula, () if joint else named, joint=joint)
     threshold, first = Threshold(len(seen.found), error_rate), seen.found[0]
     if first.log_odds <= threshold.sure:
         return _added(view, view, view, seen, formula, threshold)
@@ -93,12 +99,16 @@ def next_cause(view: V, formula: SparseFormula | None = None, error_rate: float 
         free = view.with_effect(unnamed).renewed().searched()
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
-        there = look(start.point, partial(free.scores_without, gone), formula, named)
+        there = look(start.point, partial(free.scores_without, gone), formula, named, joint=joint)
         rival = free, unknowns_of(unnamed.candidate, free.names)
         found = _added(view, start, less.beside(start), there, formula, threshold, rival)
         if found.view is not view:
             return found
-    return _added(view, view, less, seen, formula, threshold)
+    found = _added(view, view, less, seen, formula, threshold)
+    if found.view is view and not joint:
+        more = next_cause(view, formula, error_rate, joint=True)
+        return found if more.view is view else more
+    return found
 
 
 def _added(
