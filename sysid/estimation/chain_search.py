@@ -92,6 +92,8 @@ def _searched_once(chain: Chain, c: Array, seed: int) -> Array:
         for window in now.tolist():
             _begin(chain, window, ends, gap, predicted, observed)
         x, _ = fit_each(predicted.objective(chain), predicted.at[now], c, FIRST_STEPS, now)
+        if d == 0:
+            x = from_other_sidespins(predicted.objective(chain), x, c, now, w.balls)
         odd = _not_followed(chain, x, c, now)
         if odd.size:
             which = now[odd]
@@ -200,7 +202,9 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
     if that is no more work than one search of all. Each shot keeps its most likely state.
     """
     seen = problem.with_discrepancy(chain.spread.path)
-    x = from_other_sidespins(seen, fit_states(seen, _first_states(chain, states, problem), c, SETTLING_STEPS), c)
+    x = fit_states(seen, _first_states(chain, states, problem), c, SETTLING_STEPS)
+    hit = np.flatnonzero([len(times) > 0 for times in problem.events])
+    x[hit] = from_other_sidespins(seen.objective(), x[hit], c, hit, max(len(clip.balls) for clip in problem.clips))
     score, own = own_scores(problem, x, c)
     times, enough = np.ones(len(x)), np.maximum([len(e) for e in problem.events], 2)
     for effort in SEARCH_EFFORTS:

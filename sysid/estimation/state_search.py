@@ -29,6 +29,7 @@ from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.solver.journal import recorded
 from sysid.estimation.solver.least_squares import Objective, fit_each, linearised
+from sysid.estimation.windows import columns
 
 MAX_OPTIMA = 8  # most optima of a shot that are kept
 FIRST_DRAWS, MORE_DRAWS, MAX_DRAWS = 8, 16, 96  # starts of a shot at an event: at first, while they help, in total
@@ -37,7 +38,6 @@ FINE_SHARE = 3  # one in this number of draws gets the fine steps
 BETTER_LOSS = 0.5  # improvement of a shot's loss that justifies more starts: half a squared standard deviation
 SAME_OPTIMUM_SD = 1.0  # standard deviations within which two optima are one
 QUARTILE_TO_SD = 1.4826  # of a normal distribution: sd over the distance of its median from its lower quartile
-SIDESPIN = 6  # its column among initial states
 SEARCH_EFFORTS = (1, 3, 9)  # factors on optima and draws, if a shot is not found with fewer
 SHOTS_AT_ONCE = 128  # bounds the memory
 log = logging.getLogger(__name__)
@@ -78,25 +78,35 @@ def searched_states(problem: ShotProblem, c: Array, effort: int = 1, seed: int =
     return best_whole(problem, optima, c)
 
 
-def from_other_sidespins(problem: ShotProblem, x: Array, c: Array) -> Array:
-    """Initial states (n, p), or those fitted from other sidespins of the struck ball where these are likelier.
+def from_other_sidespins(seen: Objective, x: Array, c: Array, rows: Index, balls: int) -> Array:
+    """States of shots or windows (k, p), or those fitted from other sidespins where these are likelier.
 
-    A sidespin that the cloth ends before the first impact changes no sample, and neither does a little more of it, so
+    A sidespin that the cloth ends before the next impact changes no sample, and neither does a little more of it, so
     that a fit which begins there ends there. Others begin at sidespins spread evenly over the prior.
+
+    Args:
+        seen: the objective.
+        x: states.
+        c: constants.
+        rows: (k,) of these in the objective.
+        balls: number of balls in a state.
     """
-    sd, hits = problem.prior.sd[:, SIDESPIN], np.array([len(times) > 0 for times in problem.events])
-    rows = np.flatnonzero(np.isfinite(sd) & hits)
-    if not rows.size:
-        return x
-    shots = np.repeat(rows, FIRST_DRAWS)
-    starts = x[shots]
-    away = np.tile(ndtri((np.arange(FIRST_DRAWS) + 0.5) / FIRST_DRAWS), rows.size)
-    starts[:, SIDESPIN] = problem.prior.mean[shots, SIDESPIN] + away * sd[shots]
-    seen = problem.objective()
-    found, loss = fit_each(seen, seen.inside(starts), c, COARSE_STEPS + FINE_STEPS, shots)
-    every = np.concatenate([np.arange(len(x)), shots])
-    order = np.lexsort((np.concatenate([shot_losses(problem, x, c)[0], loss]), every))
-    return Optima(every[order], np.concatenate([x, found])[order]).best
+    away = ndtri((np.arange(FIRST_DRAWS) + 0.5) / FIRST_DRAWS)
+    for column in [columns(ball, balls)[1][-1] for ball in range(balls)]:
+        wide = np.flatnonzero(np.isfinite(seen.prior.sd[rows, column])) if column < x.shape[1] else np.zeros(0, int)
+        if not wide.size:
+            continue
+        which = rows[wide]
+        starts = np.repeat(x[wide][None], 1 + FIRST_DRAWS, axis=0)
+        starts[1:, :, column] = seen.prior.mean[which, column] + away[:, None] * seen.prior.sd[which, column]
+        found, loss = fit_each(
+            seen, seen.inside(starts.reshape(-1, x.shape[1])), c, COARSE_STEPS + FINE_STEPS,
+            np.tile(which, 1 + FIRST_DRAWS),
+        )  # fmt: skip
+        best = np.argmin(loss.reshape(1 + FIRST_DRAWS, -1), axis=0)
+        x = x.copy()
+        x[wide] = found.reshape(starts.shape)[best, np.arange(wide.size)]
+    return x
 
 
 def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:

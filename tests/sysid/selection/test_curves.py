@@ -44,3 +44,17 @@ def test_a_formula_that_leaves_something_is_refined_over_parts_of_its_range() ->
     spans = [max(t.constants[1] for t in shape) - min(t.constants[1] for t in shape) for shape in narrow]
     assert len(narrow) == 15 and max(spans) == pytest.approx(3.6 / 8, abs=1e-3)
     assert all(term_from_json(_entry(t))[0].name == t.name for shape in narrow for t in shape)
+
+
+def test_what_a_rail_or_a_ball_does_may_depend_on_anything_else() -> None:
+    seen = {"approach": Span(0.0, 3.0), "order": Span(0.0, 1.0, (0.3, 0.7)), "along": Span(-1.8, 1.8)}
+    alone = {(one.quantity, *one.variables) for one in blocks(seen, {"rail": 4, "number": 2})}
+    joint = blocks(seen, {"rail": 4, "number": 2}, joint=True)
+    more = {(one.quantity, *one.variables): one for one in joint if (one.quantity, *one.variables) not in alone}
+    assert ("cushion_e", "rail", "along") in alone  # a worn part of one cushion is looked for in any case
+    for wanted in (("cushion_e", "rail", "order"), ("cushion_mu", "rail", "approach"), ("drag", "number", "heading")):
+        assert wanted in more and more[wanted].effect().name() == "_".join(("free", wanted[0], "by", *wanted[1:]))
+    factors = {t.factor for family in more["cushion_e", "rail", "order"].shapes(seen) for s in family for t in s}
+    assert "(rail == 0) * (order)" in factors and "(rail == 3) * (order > 0.7)" in factors
+    (last,) = more["drag", "number", "heading"].shapes(seen)[-1]
+    assert all("heading" in term.factor and term.factor.startswith("(number == 1)") for term in last)
