@@ -21,7 +21,7 @@ from models.effect import Effect
 from sysid.estimation.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.fitting import few_steps, fit_held_out
-from sysid.estimation.from_nothing import with_found_starts
+from sysid.estimation.from_nothing import likelier_starts, with_found_starts
 from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
@@ -119,7 +119,9 @@ class ByWholeShots(FitView):
         """The fit with new initial states for poorly followed shots, including held-out ones, if likelier."""
         now, before = with_found_starts(self.now), self.now.held_out
         if self.parts.held_out is not None and before is not None:
-            held = fit_held_out(now, self.parts.held_out, before.initial_states)
+            problem = self.parts.held_out.with_model(now.problem.model, now.names)
+            states = likelier_starts(problem, before.initial_states, now.constants, now.discrepancy_rate)
+            held = fit_held_out(now, problem, states, searching=False)
             if now is not self.now or _loss(held) < _loss(before) - BETTER_LOSS:
                 now = dataclasses.replace(now, held_out=held)
         return self if now is self.now else dataclasses.replace(self, now=now)
