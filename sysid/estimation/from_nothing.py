@@ -191,14 +191,14 @@ def with_found_starts(found: FittedModel) -> FittedModel:
     """The fit with the initial states of poorly followed shots taken from windows, if that is likelier.
 
     Such a shot may be in a false optimum, and keep the constants there with it, so it is searched at the constants of
-    the others.
+    the others. Where most shots are poorly followed, the model lacks something, and no shot is searched.
     """
     while True:
         problem, x, usual = found.problem, found.initial_states.copy(), found.discrepancy_rate
         bare, c = problem.with_own_rates(np.zeros(len(x))), found.constants
         odd = _missed(problem, x, c, usual)
         rest = np.setdiff1d(np.arange(len(x)), odd)
-        if not odd.size or not rest.size:
+        if not 0 < odd.size < rest.size:
             return found
         others = fit(Point(bare.only(rest), x[rest], c, usual), f"{rest.size} shots that are followed", searching=False)
         x[rest], x[odd] = others.initial_states, found_states(bare.only(odd), others.constants)
