@@ -192,14 +192,14 @@ def _drawn(chain: Chain, states: Array, windows: Index, seed: int) -> Array:
     return out
 
 
-def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) -> Array:
+def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem, thorough: bool = True) -> Array:
     """Initial states of whole shots (n, p) at constants (q,) from states of windows.
 
     Shots that miss by more than noise are also searched from event to event (sysid/estimation/state_search.py), from
     other draws and at another tolerance each time: a wide one keeps optima that are wrong early on, a narrow one drops
     those that the model cannot follow closely. A shot is done when its most likely state has been found as often as it
-    has impacts, each of which adds optima, and at least twice. Then those that stand out are searched with more effort,
-    if that is no more work than one search of all. Each shot keeps its most likely state.
+    has impacts, each of which adds optima, and at least twice. If `thorough`, those that stand out are then searched
+    with more effort, if that is no more work than one search of all. Each shot keeps its most likely state.
     """
     seen = problem.with_discrepancy(chain.spread.path)
     x = fit_states(seen, _first_states(chain, states, problem), c, SETTLING_STEPS)
@@ -207,7 +207,7 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem) ->
     x[hit] = from_other_sidespins(seen.objective(), x[hit], c, hit, max(len(clip.balls) for clip in problem.clips))
     score, own = own_scores(problem, x, c)
     times, enough = np.ones(len(x)), np.maximum([len(e) for e in problem.events], 2)
-    for effort in SEARCH_EFFORTS:
+    for effort in SEARCH_EFFORTS if thorough else SEARCH_EFFORTS[:1]:
         todo = np.flatnonzero(own > 0)
         if effort > 1:
             todo = np.intersect1d(todo, standing_out(problem.with_discrepancy(float(np.median(own))), x, c))

@@ -169,10 +169,10 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searchin
     """Fit whole shots from the constants of windows; returns the fit with its error on the held-out clips.
 
     Constants and initial states are fitted if the model follows the shots, or `in_any_case`; with `searching`, the
-    initial states of shots that miss by more than most are searched again.
+    initial states of shots that miss by more than most are searched again, and with more effort.
     """
     found = at.fitted
-    x = whole_states(found.chain, found.states, found.constants, found.chain.problem)
+    x = whole_states(found.chain, found.states, found.constants, found.chain.problem, searching)
     model = dataclasses.replace(found.chain.model, engine=parts.training.model.engine)
     now = as_fitted(at, with_scatter(parts.training.with_model(model, found.chain.names), x), x)
     if in_any_case or now.discrepancy_rate <= UNFOLLOWED_RATE:
@@ -183,7 +183,7 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searchin
             now = profiled(now)
     if at.held_out is None or parts.held_out is None:
         return now
-    x = whole_states(at.held_out, at.held_states, now.constants, at.held_out.problem)
+    x = whole_states(at.held_out, at.held_states, now.constants, at.held_out.problem, searching)
     return dataclasses.replace(now, held_out=fit_held_out(now, parts.held_out, x, searching))
 
 
