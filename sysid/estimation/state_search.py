@@ -82,7 +82,8 @@ def from_other_sidespins(seen: Objective, x: Array, c: Array, rows: Index, balls
     """States of shots or windows (k, p), or those fitted from other sidespins where these are likelier.
 
     A sidespin that the cloth ends before the next impact changes no sample, and neither does a little more of it, so
-    that a fit which begins there ends there. Others begin at sidespins spread evenly over the prior.
+    that a fit which begins there ends there. Others begin at sidespins spread evenly over the prior. Two optima are
+    compared by the probability around them (Laplace's approximation): many sidespins change nothing, few fit noise.
 
     Args:
         seen: the objective.
@@ -103,10 +104,18 @@ def from_other_sidespins(seen: Objective, x: Array, c: Array, rows: Index, balls
             seen, seen.inside(starts.reshape(-1, x.shape[1])), c, COARSE_STEPS + FINE_STEPS,
             np.tile(which, 1 + FIRST_DRAWS),
         )  # fmt: skip
-        best = np.argmin(loss.reshape(1 + FIRST_DRAWS, -1), axis=0)
+        found, loss = found.reshape(starts.shape), loss.reshape(starts.shape[:2])
+        best = 1 + np.argmin(loss[1:], axis=0)
+        own, other = found[0], found[best, np.arange(wide.size)]
+        lower = loss[0] - loss[best, np.arange(wide.size)]
+        narrower = 0.5 * (_log_det(seen, other, c, which) - _log_det(seen, own, c, which))
         x = x.copy()
-        x[wide] = found.reshape(starts.shape)[best, np.arange(wide.size)]
+        x[wide] = np.where((lower > narrower)[:, None], other, own)
     return x
+
+
+def _log_det(seen: Objective, x: Array, c: Array, rows: Index) -> Array:
+    return np.asarray(np.linalg.slogdet(state_information(seen, x, c, rows))[1])
 
 
 def best_whole(problem: ShotProblem, optima: Optima, c: Array) -> Array:
