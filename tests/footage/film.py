@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT
-from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.projection import Array, Camera, meet_plane
 from tests.footage.cards import Card, lay
 from tests.footage.motion import Cue, Motion
 
@@ -151,11 +151,16 @@ def table_picture(camera: Camera, look: Look) -> Light:
 
 def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
     """Colour of the empty table with its diamonds, cloth tops and cushion shadows at pixels (n, 2): (n, 3)."""
-    out, nose = _ground(camera, pixels), NOSE_HEIGHT * camera.radius
+    rays, nose = camera.rays(pixels), NOSE_HEIGHT * camera.radius
+    out = _ground(camera, rays)
     half = np.array([camera.table.length, camera.table.width]) / 2
-    bed, top, rail = (np.nan_to_num(camera.on_plane(pixels, z), nan=9.0) for z in (0.0, nose, nose + RAIL_RISE))
-    beyond = (np.abs(top) - half).max(axis=1)
-    hole = (out == HOLE).all(axis=1)
+
+    def seen_at(height: float) -> Array:
+        return np.nan_to_num(meet_plane(camera.eye, rays, height), nan=9.0)
+
+    top = seen_at(nose)
+    beyond = np.maximum(*(np.abs(top) - half).T)
+    hole = np.logical_and.reduce([out[:, k] == HOLE[k] for k in range(3)])
     out[(beyond < 0) & ~hole] *= np.array(look.cloth) / CLOTH
     if look.cloth_tops:
         over = np.abs(top) - half
@@ -163,10 +168,11 @@ def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
         tops = (beyond > 0) & (beyond < RUBBER) & ~hole
         out[tops] = TOP_LIGHT[rail_seen[tops], None] * np.array(look.cloth)
     if look.cushion_shadow > 0:
-        inside = (half - np.abs(bed)).min(axis=1)
+        inside = np.minimum(*(half - np.abs(seen_at(0.0))).T)
         for width, left in zip((look.cushion_shadow, 2 * look.cushion_shadow), SHADE, strict=True):
             out[(beyond < 0) & (inside < width) & ~hole] *= left
     if look.diamonds > 0:
+        rail = seen_at(nose + RAIL_RISE)
         for axis, parts in ((0, 8), (1, 4)):
             step = 2 * half[axis] / parts
             near = np.rint(rail[:, axis] / step)
@@ -175,7 +181,7 @@ def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
                 rail[:, axis] - near * step, np.abs(rail[:, 1 - axis]) - half[1 - axis] - DIAMOND_ROW
             )  # fmt: skip
             out[counts & (away < look.diamonds / 2)] = DIAMOND
-    lay(look.cards, camera, pixels, out, RAIL_RISE)
+    lay(look.cards, camera, rays, out, RAIL_RISE)
     return out
 
 
@@ -197,16 +203,16 @@ def _player(camera: Camera, look: Look, picture: Light) -> None:
     _cue(camera, Cue(1.0, (-0.03, -0.1 * half, 0.05), -np.pi / 2, 1.0, elevation=0.05), 0.9, look, picture)
 
 
-def _ground(camera: Camera, pixels: Array) -> Array:
-    """Colour of the empty table at pixels (n, 2): (n, 3)."""
+def _ground(camera: Camera, rays: Array) -> Array:
+    """Colour of the empty table where rays (n, 3) meet it: (n, 3)."""
     table, nose = camera.table, NOSE_HEIGHT * camera.radius
     half = np.array([table.length / 2, table.width / 2])
-    cloth, top = camera.on_plane(pixels, 0.0), camera.on_plane(pixels, nose)
-    out = np.tile(np.array(CLOTH), (len(pixels), 1))
+    cloth, top = (meet_plane(camera.eye, rays, z) for z in (0.0, nose))
+    out = np.tile(np.array(CLOTH), (len(rays), 1))
     weave = 0.02 * np.sin(cloth[:, 0] * 900) * np.sin(cloth[:, 1] * 900)
     out *= (1 + np.nan_to_num(weave))[:, None]
-    over = np.abs(np.nan_to_num(top, nan=1e3)) - half
-    beyond = over.max(axis=1)
+    top = np.nan_to_num(top, nan=1e3)
+    beyond = np.maximum(*(np.abs(top) - half).T)
     out[beyond > 0] = CUSHION
     out[beyond > RUBBER] = WOOD
     out[beyond > RUBBER + FRAME] = FLOOR
@@ -215,8 +221,8 @@ def _ground(camera: Camera, pixels: Array) -> Array:
         for sx in (-1, 0, 1):
             for sy in (-1, 1):
                 middle = np.array([sx * half[0], sy * half[1]]) + (0.3 if sx else 1.0) * back * np.array([sx, sy])
-                hole = np.linalg.norm(np.nan_to_num(top, nan=1e3) - middle, axis=1) < back
-                out[hole] = HOLE
+                dx, dy = (top - middle).T
+                out[np.sqrt(dx**2 + dy**2) < back] = HOLE
     return out
 
 
