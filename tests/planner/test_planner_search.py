@@ -245,8 +245,8 @@ def test_a_tilted_table_is_aimed_off_for() -> None:
     )
     asked = scene([0.9, 0.2], [1.5, 0.55], pocket=(1, 1), rest=[0.2, 0.2])
     q = [search(ready(asked, model), launcher, wish, effort=QUICK)[0].evaluation.q for model in (MODEL, tilted)]
-    samples = draw_errors(tilted, launcher, 64, 98)
-    level, aware = evaluate(ready(asked, tilted), samples, np.array(q), wish, mujoco=True)
+    samples = draw_errors(tilted, launcher, 256, 98)
+    level, aware = evaluate(ready(asked, tilted), samples, np.array(q), wish)
     assert aware.value > level.value + 0.02
     assert np.median(rest_distance(asked, aware.outcomes)) < np.median(rest_distance(asked, level.outcomes))
 

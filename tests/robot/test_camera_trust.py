@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import planner.cli
+import planner.planning
 import robot.cli
 import sysid
 import sysid.cli
@@ -19,6 +21,7 @@ from sysid.clips import read_clip_set, write_clip_set
 from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import read_camera, write_camera
 from tests.fuzz.verbs import SEEDS
+from tests.support.quick_plans import QUICK
 
 DOUBT = "edges 40 mm farther in do not fit the table's proportions"
 TOLD = f"cam.toml: the camera is not to be trusted: {DOUBT}"
@@ -127,7 +130,10 @@ def test_a_scene_for_a_plan_is_refused_before_the_work(place: Path, capsys: pyte
     assert f"warning: {TOLD}\n" in error and "no ball is seen" in error
 
 
-def test_a_plan_tells_what_its_scene_carries(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_tells_what_its_scene_carries(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(planner.planning, "make_plan", functools.partial(planner.planning.make_plan, effort=QUICK))
     Path("new.toml").write_text(f'camera_doubts = ["{DOUBT}"]\n' + Path("scene.toml").read_text())
     planner.cli.main(["plan", "new.toml", "--model", "model.toml", "--out", "new.json"])
     assert f"warning: new.toml: the camera is not to be trusted: {DOUBT}\n" in capsys.readouterr().err
