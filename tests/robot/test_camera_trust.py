@@ -80,23 +80,24 @@ def test_clips_that_were_seen_by_it_tell_it(place: Path, capsys: pytest.CaptureF
     assert planner.cli.main([*words, "--accept-camera"]) == 0 and read_scene("new.toml").camera_doubts == (DOUBT,)
 
 
-def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def write_pixels() -> None:
+    """A ball that rolls, in pixels of the camera, as pixels.csv."""
     camera, rows = read_camera("cam.toml"), ["t,ball,x,y"]
     for k in range(60):
         x, y = camera.outline([[-0.4 + 0.01 * max(k - 5, 0), 0.1]])[0]
         rows.append(f"{k / 60:.4f},white,{x:.2f},{y:.2f}")
     Path("pixels.csv").write_text("\n".join(rows) + "\n")
+
+
+def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_pixels()
     sysid.cli.main(["import", "pixels.csv", "--camera", "cam.toml", "--y", "down", "--fps", "60", "--out", "imported"])
     assert f"warning: {TOLD}\n" in capsys.readouterr().err
     assert camera_doubts(read_clip_set("imported")) == (DOUBT,)
 
 
 def test_functions_tell_it_and_carry_it_as_commands_do(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    camera, rows = read_camera("cam.toml"), ["t,ball,x,y"]
-    for k in range(60):
-        x, y = camera.outline([[-0.4 + 0.01 * max(k - 5, 0), 0.1]])[0]
-        rows.append(f"{k / 60:.4f},white,{x:.2f},{y:.2f}")
-    Path("pixels.csv").write_text("\n".join(rows) + "\n")
+    write_pixels()
     clips = sysid.import_tracks("pixels.csv", camera="cam.toml", y="down", fps=60.0)
     assert camera_doubts(clips) == (DOUBT,) and f"warning: {TOLD}\n" in capsys.readouterr().err
     with pytest.raises(BadInput):  # no shot is in it
