@@ -274,7 +274,9 @@ def test_data_frames_are_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["find_a_hidden_effect", "write_an_effect"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("find_a_hidden_effect", marks=pytest.mark.thorough), "write_an_effect"]
+)  # of the first, test_the_python_of_the_pages_runs shows as much
 def test_the_notebooks_run(name: str) -> None:
     nbclient = pytest.importorskip("nbclient", reason="notebooks run with nbclient and ipykernel")
     pytest.importorskip("ipykernel", reason="notebooks run with nbclient and ipykernel")
