@@ -161,7 +161,12 @@ def test_where_no_shot_is_reasonable(run: Any, tmp_path: Path) -> None:
     )
     assert (said.status, said.err) == (1, "")
     plan = json.loads(names[0].read_text())
-    assert plan["stroke"] is None and "b0 is in the red's way" in plan["why"] and plan["why"] in said.out
+    assert (
+        plan["stroke"] is None
+        and plan["alternatives"] == []
+        and "b0 is in the red's way" in plan["why"]
+        and plan["why"] in said.out
+    )
     assert all(p.stat().st_size > 0 for p in names)
 
 

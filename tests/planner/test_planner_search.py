@@ -350,12 +350,7 @@ def test_a_plan_on_a_tilted_table_does_not_depend_on_threads() -> None:
     assert json.dumps(one) == json.dumps(two) and one["stroke"]
 
 
-def test_where_no_ball_gets_through_there_is_no_stroke() -> None:
-    red = np.array([0.6, 0.2])
-    ring = [red + 2.04 * R * np.array([math.cos(a), math.sin(a)]) for a in np.arange(6) * math.pi / 3 + 0.1]
-    told = make_plan(scene([-0.5, 0.0], red, *ring), MODEL, Execution(), UtilityWeights(), effort=QUICK)
-    assert told["stroke"] is None and told["alternatives"] == []
-    assert "b0 is in the red's way" in told["why"]
+def test_where_no_stroke_is_made_often_enough_there_is_none() -> None:
     blind = make_plan(straight(1.6, 1.4), MODEL, Execution(azimuth_sd=0.2), UtilityWeights(), effort=QUICK)
     assert blind["stroke"] is None and "paths are open" in blind["why"]
 

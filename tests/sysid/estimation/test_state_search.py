@@ -101,7 +101,7 @@ def test_constants_of_long_shots_are_found_with_honest_intervals() -> None:
     """All constants unknown: the shots end at the noise, and each constant within what the fit claims of it."""
     table, ball = CAROM
     true = true_model(table, ball)
-    _, found = begin(long_shots(true, 501, 10), full_model(table, ball))
+    _, found = begin(long_shots(true, 501, 8, impacts=(5, 8)), full_model(table, ball))
     sizes = {"table.length": table.length, "table.width": table.width, "ball.diameter": ball.diameter}
     truth = np.array([{**true.parameters(), **sizes}[name] for name in found.names])
     assert found.converged
