@@ -7,6 +7,8 @@ PYTEST_ARGS ?=
 FUZZ_ARGS ?= --seconds 600
 TESTS = $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
 
+unexport PYTHONDONTWRITEBYTECODE # without bytecode that is kept, collecting the tests takes twice the time
+
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-slow test-thorough fuzz bench mutation study figures lint docs clean
 

@@ -311,7 +311,7 @@ def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Matc
     for p in (native, effects):
         parts.append(partial(motion, p, count))
         parts += [partial(impacts, p, kind, count) for kind in ("ball", "cushion")]
-        parts += [partial(whole_shots, p, shots), partial(roughness, p)]
+        parts += [partial(whole_shots, p, shots), partial(roughness, p, shots)]
         parts.append(partial(published, p))
     parts += [partial(more_shots, what, shots) for what in ("effects", "jaws")]
     parts += [partial(energy, 10 * shots), partial(cueing, few)]

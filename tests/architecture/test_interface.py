@@ -41,8 +41,9 @@ def test_every_public_name_is_there(package: object) -> None:
 
 
 def test_importing_loads_and_compiles_nothing() -> None:
-    heavy = "print([m for m in ('numpy', 'numba', 'mujoco') if m in sys.modules])"
-    code = f"import sys, models, sysid, sysid.vision, planner, robot; {heavy}"
+    """Nor does a command that only helps."""
+    heavy = "print([m for m in ('numpy', 'numba', 'mujoco', 'cv2') if m in sys.modules])"
+    code = f"import sys, models, sysid, sysid.cli, sysid.vision, planner.cli, robot.cli; {heavy}"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -274,7 +275,9 @@ def test_data_frames_are_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["find_a_hidden_effect", "write_an_effect"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("find_a_hidden_effect", marks=pytest.mark.thorough), "write_an_effect"]
+)  # of the first, test_the_python_of_the_pages_runs shows as much
 def test_the_notebooks_run(name: str) -> None:
     nbclient = pytest.importorskip("nbclient", reason="notebooks run with nbclient and ipykernel")
     pytest.importorskip("ipykernel", reason="notebooks run with nbclient and ipykernel")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT, Table
 from sysid.vision.camera.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAILS, MARKER_SIZE_M, dictionary
-from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.projection import Array, Camera, meet_plane
 
 PAPER, INK = 0.88, 0.06  # light of white and black
 CELLS = 6  # along a marker with its black border
@@ -42,12 +42,12 @@ def _pattern(number: int) -> NDArray[np.bool_]:
     return np.asarray(cv2.aruco.generateImageMarker(dictionary(), number, CELLS, borderBits=1) < 128)
 
 
-def lay(cards: Sequence[Card], camera: Camera, pixels: Array, colours: Array, rise: float) -> None:
-    """Draw cards over the colours (n, 3) of pixels (n, 2); their rear lies on a rail that rises over the noses [m]."""
+def lay(cards: Sequence[Card], camera: Camera, rays: Array, colours: Array, rise: float) -> None:
+    """Draw cards over the colours (n, 3) of rays (n, 3); their rear lies on a rail that rises over the noses [m]."""
     if not cards:
         return
     nose = NOSE_HEIGHT * camera.radius
-    low, high = (np.nan_to_num(camera.on_plane(pixels, z), nan=9.0) for z in (nose, nose + rise))
+    low, high = (np.nan_to_num(meet_plane(camera.eye, rays, z), nan=9.0) for z in (nose, nose + rise))
     for card in cards:
         u, v, side = _own(card, camera.table, low, high)
         margin = MARGIN_SIZES * side

@@ -15,13 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT
-from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.projection import Array, Camera, meet_plane
 from tests.footage.cards import Card, lay
 from tests.footage.motion import Cue, Motion
 
 Picture = NDArray[np.uint8]
 Light = NDArray[np.float32]
 Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
+Patch = tuple[tuple[int, int, int, int], Array, Array]  # columns and rows; the share of the light left; light added
+Still = dict[tuple[int, bytes, bytes], tuple[Patch | None, Patch | None]]  # shadow and ball by number, place and axes
 
 BALLS: Mapping[str, Colour] = {
     "white": (0.94, 0.92, 0.84), "cue": (0.94, 0.92, 0.84), "red": (0.72, 0.05, 0.07), "yellow": (0.93, 0.78, 0.10),
@@ -99,9 +101,10 @@ def film(
             for time in times:
                 yield developed(exposed(drawn.picture, float(time), look), look, rng)
         return
-    ground = table_picture(camera, look)
+    ground, still = table_picture(camera, look), Still()
     for time in times:
-        yield developed(exposed(lambda at: _picture(camera, motion, at, look, ground), float(time), look), look, rng)
+        light = exposed(lambda at: _picture(camera, motion, at, look, ground, still), float(time), look)
+        yield developed(light, look, rng)
 
 
 def exposed(picture: Callable[[float], Light], time: float, look: Look) -> Light:
@@ -151,11 +154,16 @@ def table_picture(camera: Camera, look: Look) -> Light:
 
 def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
     """Colour of the empty table with its diamonds, cloth tops and cushion shadows at pixels (n, 2): (n, 3)."""
-    out, nose = _ground(camera, pixels), NOSE_HEIGHT * camera.radius
+    rays, nose = camera.rays(pixels), NOSE_HEIGHT * camera.radius
+    out = _ground(camera, rays)
     half = np.array([camera.table.length, camera.table.width]) / 2
-    bed, top, rail = (np.nan_to_num(camera.on_plane(pixels, z), nan=9.0) for z in (0.0, nose, nose + RAIL_RISE))
-    beyond = (np.abs(top) - half).max(axis=1)
-    hole = (out == HOLE).all(axis=1)
+
+    def seen_at(height: float) -> Array:
+        return np.nan_to_num(meet_plane(camera.eye, rays, height), nan=9.0)
+
+    top = seen_at(nose)
+    beyond = np.maximum(*(np.abs(top) - half).T)
+    hole = np.logical_and.reduce([out[:, k] == HOLE[k] for k in range(3)])
     out[(beyond < 0) & ~hole] *= np.array(look.cloth) / CLOTH
     if look.cloth_tops:
         over = np.abs(top) - half
@@ -163,10 +171,11 @@ def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
         tops = (beyond > 0) & (beyond < RUBBER) & ~hole
         out[tops] = TOP_LIGHT[rail_seen[tops], None] * np.array(look.cloth)
     if look.cushion_shadow > 0:
-        inside = (half - np.abs(bed)).min(axis=1)
+        inside = np.minimum(*(half - np.abs(seen_at(0.0))).T)
         for width, left in zip((look.cushion_shadow, 2 * look.cushion_shadow), SHADE, strict=True):
             out[(beyond < 0) & (inside < width) & ~hole] *= left
     if look.diamonds > 0:
+        rail = seen_at(nose + RAIL_RISE)
         for axis, parts in ((0, 8), (1, 4)):
             step = 2 * half[axis] / parts
             near = np.rint(rail[:, axis] / step)
@@ -175,7 +184,7 @@ def _lit(camera: Camera, look: Look, pixels: Array) -> Array:
                 rail[:, axis] - near * step, np.abs(rail[:, 1 - axis]) - half[1 - axis] - DIAMOND_ROW
             )  # fmt: skip
             out[counts & (away < look.diamonds / 2)] = DIAMOND
-    lay(look.cards, camera, pixels, out, RAIL_RISE)
+    lay(look.cards, camera, rays, out, RAIL_RISE)
     return out
 
 
@@ -197,16 +206,16 @@ def _player(camera: Camera, look: Look, picture: Light) -> None:
     _cue(camera, Cue(1.0, (-0.03, -0.1 * half, 0.05), -np.pi / 2, 1.0, elevation=0.05), 0.9, look, picture)
 
 
-def _ground(camera: Camera, pixels: Array) -> Array:
-    """Colour of the empty table at pixels (n, 2): (n, 3)."""
+def _ground(camera: Camera, rays: Array) -> Array:
+    """Colour of the empty table where rays (n, 3) meet it: (n, 3)."""
     table, nose = camera.table, NOSE_HEIGHT * camera.radius
     half = np.array([table.length / 2, table.width / 2])
-    cloth, top = camera.on_plane(pixels, 0.0), camera.on_plane(pixels, nose)
-    out = np.tile(np.array(CLOTH), (len(pixels), 1))
+    cloth, top = (meet_plane(camera.eye, rays, z) for z in (0.0, nose))
+    out = np.tile(np.array(CLOTH), (len(rays), 1))
     weave = 0.02 * np.sin(cloth[:, 0] * 900) * np.sin(cloth[:, 1] * 900)
     out *= (1 + np.nan_to_num(weave))[:, None]
-    over = np.abs(np.nan_to_num(top, nan=1e3)) - half
-    beyond = over.max(axis=1)
+    top = np.nan_to_num(top, nan=1e3)
+    beyond = np.maximum(*(np.abs(top) - half).T)
     out[beyond > 0] = CUSHION
     out[beyond > RUBBER] = WOOD
     out[beyond > RUBBER + FRAME] = FLOOR
@@ -215,18 +224,39 @@ def _ground(camera: Camera, pixels: Array) -> Array:
         for sx in (-1, 0, 1):
             for sy in (-1, 1):
                 middle = np.array([sx * half[0], sy * half[1]]) + (0.3 if sx else 1.0) * back * np.array([sx, sy])
-                hole = np.linalg.norm(np.nan_to_num(top, nan=1e3) - middle, axis=1) < back
-                out[hole] = HOLE
+                dx, dy = (top - middle).T
+                out[np.sqrt(dx**2 + dy**2) < back] = HOLE
     return out
 
 
-def _picture(camera: Camera, motion: Motion, moment: float, look: Look, ground: Light) -> Light:
-    """The light at a moment."""
-    picture = ground.copy()
+def _picture(
+    camera: Camera, motion: Motion, moment: float, look: Look, ground: Light, still: Still | None = None
+) -> Light:
+    """The light at a moment; of balls that lie where they lay before, what `still` holds is drawn again."""
+    picture, still = ground.copy(), {} if still is None else still
+    balls = []
     for k in range(len(motion.names)):
-        _shadow(camera, motion, k, moment, look, picture)
-    for k in range(len(motion.names)):
-        _ball(camera, motion, k, moment, look, picture)
+        place, velocity, axes, when = when_read(camera, motion, k, moment, look)
+        if not np.isfinite(place).all():
+            continue
+        key = (k, place.tobytes(), axes.tobytes())
+        patches = still.get(key) if not velocity.any() else None
+        if patches is None:
+            patches = (
+                _shadow(camera, place, look),
+                _ball(camera, motion.names[k], moment, (place, velocity, axes, when), look),
+            )
+            if not velocity.any():
+                still[key] = patches
+        balls.append(patches)
+    for shadow, _ in balls:
+        if shadow is not None:
+            (x0, x1, y0, y1), left, _ = shadow
+            picture[y0:y1, x0:x1] *= left
+    for _, ball in balls:
+        if ball is not None:
+            (x0, x1, y0, y1), left, seen = ball
+            picture[y0:y1, x0:x1] = picture[y0:y1, x0:x1] * left + seen
     if motion.cue is not None:
         _cue(camera, motion.cue, moment, look, picture)
     return picture
@@ -256,30 +286,31 @@ def when_read(camera: Camera, motion: Motion, k: int, moment: float, look: Look)
     return place, (later - place) / 1e-4, axes, when
 
 
-def _shadow(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: Light) -> None:
-    place, *_ = when_read(camera, motion, k, moment, look)
-    if look.shadow <= 0 or not np.isfinite(place).all():
-        return
+def _shadow(camera: Camera, place: Array, look: Look) -> Patch | None:
+    """What a ball's shadow leaves of the light where it falls."""
+    if look.shadow <= 0:
+        return None
     light, r = _unit(look.light), camera.radius
     middle = place - light[:2] / light[2] * r
     ring = middle + 1.3 * r * np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 2 * np.pi, 12)])
     box = _patch(camera, camera.project(np.column_stack([ring, np.zeros(len(ring))])), 2)
     if box is None:
-        return
+        return None
     x0, x1, y0, y1 = box
     grid = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1).reshape(-1, 2).astype(float)
     far = np.linalg.norm(camera.on_plane(grid, 0.0) - middle, axis=1) / r
     dark = look.shadow * np.clip((1.3 - far) / 0.5, 0, 1)
-    picture[y0:y1, x0:x1] *= (1 - dark).reshape(y1 - y0, x1 - x0, 1).astype(np.float32)
+    return box, (1 - dark).reshape(y1 - y0, x1 - x0, 1).astype(np.float32), np.zeros(1)
 
 
-def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, picture: Light) -> None:
-    place, velocity, axes, when = when_read(camera, motion, k, moment, look)
-    if not np.isfinite(place).all():
-        return
+def _ball(
+    camera: Camera, name: str, moment: float, read: tuple[Array, Array, Array, float], look: Look
+) -> Patch | None:  # fmt: skip
+    """What a ball leaves of the light where it is seen, and its own; `read` as `when_read` gives it."""
+    place, velocity, axes, when = read
     box = _patch(camera, camera.rims(place[None])[0], 2)
     if box is None:
-        return
+        return None
     x0, x1, y0, y1 = box
     sub = (np.arange(FINE) + 0.5) / FINE - 0.5
     xs, ys = (np.arange(a, b)[:, None] + sub for a, b in ((x0, x1), (y0, y1)))
@@ -294,10 +325,10 @@ def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, pic
     inside = r**2 - (np.sum(to**2, axis=1) - along**2)
     hit = inside > 0
     normal = (eye + (along - np.sqrt(np.maximum(inside, 0)))[:, None] * rays - centre) / r
-    base = np.array(look.colours.get(motion.names[k], BALLS.get(motion.names[k].split("_")[0], BALLS["red"])))
+    base = np.array(look.colours.get(name, BALLS.get(name.split("_")[0], BALLS["red"])))
     skin = np.tile(base, (len(pixels), 1))
     own = normal @ axes  # in the ball's axes
-    for spot in look.spots.get(motion.names[k], ()):
+    for spot in look.spots.get(name, ()):
         skin[own @ _unit(spot.place) > np.cos(spot.angle)] = spot.colour
     light = _unit(look.light)
     shade = 0.45 + 0.55 * np.maximum(normal @ light, 0)
@@ -309,7 +340,7 @@ def _ball(camera: Camera, motion: Motion, k: int, moment: float, look: Look, pic
     shape = (y1 - y0, FINE, x1 - x0, FINE)
     cover = hit.reshape(shape).mean(axis=(1, 3))[..., None]
     seen = colour.reshape(*shape, 3).mean(axis=(1, 3))
-    picture[y0:y1, x0:x1] = picture[y0:y1, x0:x1] * (1 - cover) + seen
+    return box, 1 - cover, seen
 
 
 def _cue(camera: Camera, cue: Cue, moment: float, look: Look, picture: Light) -> None:

@@ -54,10 +54,10 @@ class Motion:
         time = float(np.clip(time, self.times[0], self.times[-1]))
         k = int(np.clip(np.searchsorted(self.times, time) - 1, 0, len(self.times) - 2))
         part = (time - self.times[k]) / (self.times[k + 1] - self.times[k])
-        place = (1 - part) * self.position[k] + part * self.position[k + 1]
+        place = self.position[k] + part * (self.position[k + 1] - self.position[k])
         one, two = self.turned[k], self.turned[k + 1]
         two = np.where(np.sum(one * two, axis=-1, keepdims=True) < 0, -two, two)
-        return place, Rotation.from_quat((1 - part) * one + part * two).as_matrix().reshape(-1, 3, 3)
+        return place, Rotation.from_quat(one + part * (two - one)).as_matrix().reshape(-1, 3, 3)
 
 
 def motion_of(track: Track, start: Rotation | None = None, cue: Cue | None = None) -> Motion:

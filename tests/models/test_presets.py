@@ -187,8 +187,10 @@ def test_mirrored_shots_end_mirrored(name: str, flip: tuple[int, int]) -> None:
     assert np.abs(back.position * flip - there.position).max() < 1e-6
 
 
-@pytest.mark.parametrize("effect", ["", "table_tilt", "slide_friction_speed"])
-@pytest.mark.parametrize("name", POCKETED)
+@pytest.mark.parametrize(
+    ("name", "effect"),
+    [*((name, "") for name in POCKETED), *(("pool 9 ft", e) for e in ("table_tilt", "slide_friction_speed"))],
+)
 def test_shots_have_the_same_fate_in_both_engines(name: str, effect: str) -> None:
     m = model(name).add(effect_class(effect)()) if effect else model(name)
     shots = into_pockets(m, 102, 8)

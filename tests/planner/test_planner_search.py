@@ -245,8 +245,8 @@ def test_a_tilted_table_is_aimed_off_for() -> None:
     )
     asked = scene([0.9, 0.2], [1.5, 0.55], pocket=(1, 1), rest=[0.2, 0.2])
     q = [search(ready(asked, model), launcher, wish, effort=QUICK)[0].evaluation.q for model in (MODEL, tilted)]
-    samples = draw_errors(tilted, launcher, 64, 98)
-    level, aware = evaluate(ready(asked, tilted), samples, np.array(q), wish, mujoco=True)
+    samples = draw_errors(tilted, launcher, 256, 98)
+    level, aware = evaluate(ready(asked, tilted), samples, np.array(q), wish)
     assert aware.value > level.value + 0.02
     assert np.median(rest_distance(asked, aware.outcomes)) < np.median(rest_distance(asked, level.outcomes))
 
@@ -350,12 +350,7 @@ def test_a_plan_on_a_tilted_table_does_not_depend_on_threads() -> None:
     assert json.dumps(one) == json.dumps(two) and one["stroke"]
 
 
-def test_where_no_ball_gets_through_there_is_no_stroke() -> None:
-    red = np.array([0.6, 0.2])
-    ring = [red + 2.04 * R * np.array([math.cos(a), math.sin(a)]) for a in np.arange(6) * math.pi / 3 + 0.1]
-    told = make_plan(scene([-0.5, 0.0], red, *ring), MODEL, Execution(), UtilityWeights(), effort=QUICK)
-    assert told["stroke"] is None and told["alternatives"] == []
-    assert "b0 is in the red's way" in told["why"]
+def test_where_no_stroke_is_made_often_enough_there_is_none() -> None:
     blind = make_plan(straight(1.6, 1.4), MODEL, Execution(azimuth_sd=0.2), UtilityWeights(), effort=QUICK)
     assert blind["stroke"] is None and "paths are open" in blind["why"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import shutil
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import planner.cli
+import planner.planning
 import robot.cli
 import sysid
 import sysid.cli
@@ -19,6 +21,7 @@ from sysid.clips import read_clip_set, write_clip_set
 from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import read_camera, write_camera
 from tests.fuzz.verbs import SEEDS
+from tests.support.quick_plans import QUICK
 
 DOUBT = "edges 40 mm farther in do not fit the table's proportions"
 TOLD = f"cam.toml: the camera is not to be trusted: {DOUBT}"
@@ -77,23 +80,24 @@ def test_clips_that_were_seen_by_it_tell_it(place: Path, capsys: pytest.CaptureF
     assert planner.cli.main([*words, "--accept-camera"]) == 0 and read_scene("new.toml").camera_doubts == (DOUBT,)
 
 
-def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def write_pixels() -> None:
+    """A ball that rolls, in pixels of the camera, as pixels.csv."""
     camera, rows = read_camera("cam.toml"), ["t,ball,x,y"]
     for k in range(60):
         x, y = camera.outline([[-0.4 + 0.01 * max(k - 5, 0), 0.1]])[0]
         rows.append(f"{k / 60:.4f},white,{x:.2f},{y:.2f}")
     Path("pixels.csv").write_text("\n".join(rows) + "\n")
+
+
+def test_imported_pixels_tell_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_pixels()
     sysid.cli.main(["import", "pixels.csv", "--camera", "cam.toml", "--y", "down", "--fps", "60", "--out", "imported"])
     assert f"warning: {TOLD}\n" in capsys.readouterr().err
     assert camera_doubts(read_clip_set("imported")) == (DOUBT,)
 
 
 def test_functions_tell_it_and_carry_it_as_commands_do(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    camera, rows = read_camera("cam.toml"), ["t,ball,x,y"]
-    for k in range(60):
-        x, y = camera.outline([[-0.4 + 0.01 * max(k - 5, 0), 0.1]])[0]
-        rows.append(f"{k / 60:.4f},white,{x:.2f},{y:.2f}")
-    Path("pixels.csv").write_text("\n".join(rows) + "\n")
+    write_pixels()
     clips = sysid.import_tracks("pixels.csv", camera="cam.toml", y="down", fps=60.0)
     assert camera_doubts(clips) == (DOUBT,) and f"warning: {TOLD}\n" in capsys.readouterr().err
     with pytest.raises(BadInput):  # no shot is in it
@@ -127,7 +131,10 @@ def test_a_scene_for_a_plan_is_refused_before_the_work(place: Path, capsys: pyte
     assert f"warning: {TOLD}\n" in error and "no ball is seen" in error
 
 
-def test_a_plan_tells_what_its_scene_carries(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_tells_what_its_scene_carries(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(planner.planning, "make_plan", functools.partial(planner.planning.make_plan, effort=QUICK))
     Path("new.toml").write_text(f'camera_doubts = ["{DOUBT}"]\n' + Path("scene.toml").read_text())
     planner.cli.main(["plan", "new.toml", "--model", "model.toml", "--out", "new.json"])
     assert f"warning: new.toml: the camera is not to be trusted: {DOUBT}\n" in capsys.readouterr().err

@@ -33,7 +33,7 @@ MODEL = full_model(SNOOKER_TABLE, SNOOKER_BALL)
 MAP = CueingMap(Constants(), Geometry(SNOOKER_BALL), np.full((8, 8), math.nan), Execution())
 NAMES = ("white", "red")
 CUE = {"speed": 1.5, "azimuth": 0.4, "side": 0.004, "height": -0.003, "elevation": 0.0}
-EFFORT = Effort(fresh=32, checked=4)
+EFFORT = Effort(fresh=8, checked=2)
 LAUNCHER = with_map(LauncherModel(), MAP, SNOOKER_BALL)
 
 

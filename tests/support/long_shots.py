@@ -33,8 +33,8 @@ def true_model(table: Table, ball: Ball) -> Model:
     )  # fmt: skip
 
 
-def long_shots(model: Model, seed: int, count: int) -> ClipSet:
-    """Clips of shots of 8 to 14 impacts, two to four balls, no commands, from starts that nobody is told."""
+def long_shots(model: Model, seed: int, count: int, impacts: tuple[int, int] = (8, 14)) -> ClipSet:
+    """Clips of shots of so many impacts, two to four balls, no commands, from starts that nobody is told."""
     rng, table, ball, clips = np.random.default_rng(seed), model.table, model.ball, list[Clip]()
     times, limits = np.arange(0, LAST_TIME_S, 1 / FPS), table.centre_limits(ball) - 0.02
     while len(clips) < count:
@@ -51,7 +51,7 @@ def long_shots(model: Model, seed: int, count: int) -> ClipSet:
         velocity[0] = speed * math.cos(azimuth), speed * math.sin(azimuth)
         names = ("white", "yellow", "red", "blue")[:balls]
         track = simulate(model, [Shot(names, places, velocity, spin, times)])[0]
-        if not 8 <= sum(event.kind in ("ball", "cushion") for event in track.events) <= 14:
+        if not impacts[0] <= sum(event.kind in ("ball", "cushion") for event in track.events) <= impacts[1]:
             continue
         seen = {
             name: Observation(times, track.position[:, k] + rng.normal(0, NOISE_M, (len(times), 2)), times * np.nan)

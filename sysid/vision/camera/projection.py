@@ -103,11 +103,7 @@ class Camera:
 
     def on_plane(self, pixels: Array, height: float) -> Array:
         """Where lines of sight of pixels (n, 2) meet the plane z = height [m]: (n, 2) [m]; NaN where they do not."""
-        rays, eye = self.rays(pixels), self.eye
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (height - eye[2]) / rays[:, 2]
-        distance = np.where(distance > 0, distance, np.nan)
-        return np.asarray(eye[:2] + distance[:, None] * rays[:, :2])
+        return meet_plane(self.eye, self.rays(pixels), height)
 
     def outline(self, xy: Array) -> Array:
         """Centres of the outlines of balls at (n, 2) [m], as a circle fit sees them: (n, 2) [pixels].
@@ -147,6 +143,14 @@ class Camera:
         """Mean radius of the outlines of balls at (n, 2) [m]: (n,) [pixels]."""
         rim = self.rims(xy)
         return np.asarray(np.linalg.norm(rim - rim.mean(axis=1, keepdims=True), axis=2).mean(axis=1))
+
+
+def meet_plane(eye: Array, rays: Array, height: float) -> Array:
+    """Where rays (n, 3) from an eye (3,) [m] meet the plane z = height [m]: (n, 2) [m]; NaN where they do not."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (height - eye[2]) / rays[:, 2]
+    distance = np.where(distance > 0, distance, np.nan)
+    return np.asarray(eye[:2] + distance[:, None] * rays[:, :2])
 
 
 def write_camera(path: Path | str, camera: Camera) -> None:

@@ -13,6 +13,9 @@ from models.simulation.simulate import simulate
 from tests.support.effect_shots import BALL, BASE, TABLE, apart, shots, truth
 
 CASES = [
+    ("table_tilt", {"slope_x": 0.0007, "slope_y": -0.0016}, {"tilt_x": 0.0007, "tilt_y": -0.0016}),
+    ("air_drag", {"rate": 0.02}, {"drag2": 0.02}),
+    ("speed_drag", {"rate": 0.035}, {"drag1": 0.035}),
     ("cloth_nap", {"push": 0.03}, {"nap": 0.03 / (0.0127 * 9.81)}),
     ("cloth_nap", {"push": -0.015}, {"nap": 0.015 / (0.0127 * 9.81), "nap_phi": np.pi}),
     ("spin_slide_coupling", {"lever": 0.006}, {"contensou": 0.006}),

@@ -39,6 +39,7 @@ BALL_CASES: list[tuple[str, dict[str, float], dict[str, float]]] = [
 CUSHION_CASES: list[tuple[str, dict[str, float], dict[str, float]]] = [
     ("cushion_friction_speed", {"rate": 0.06}, {"muc_v": 0.06}),
     ("cushion_friction_speed", {"rate": -0.2}, {"muc_v": -0.2}),  # beyond what a ball climbs at
+    ("cushion_restitution_speed", {"rate": 0.09}, {"ec_v": 0.09}),
     ("cushion_restitution_speed", {"rate": -0.15}, {"ec_v": -0.15}),  # beyond 1
     ("cushion_compliance", {"ratio": 0.3}, {"compliance": 0.3}),
     ("cushion_compliance", {"ratio": 1.5}, {"compliance": 1.5}),

@@ -86,13 +86,6 @@ def test_everything_comes_to_rest_on_the_table(effect: str) -> None:
     assert (end.counts[:, 0] > 0).mean() > 0.5
 
 
-def test_events_come_in_order() -> None:
-    end = run(*layouts(200), model=world(TABLE))
-    for times, n in zip(end.event_time, end.counts[:, :3].sum(axis=1), strict=True):
-        assert (np.diff(times[:n]) >= 0).all()
-        assert np.isinf(times[n:]).all()
-
-
 @pytest.mark.parametrize("effect", ["", "air_drag", "spin_slide_coupling"])
 @pytest.mark.parametrize("flip", [(-1, 1), (1, -1)])
 def test_mirrored_shots_end_mirrored(flip: tuple[int, int], effect: str) -> None:

@@ -113,29 +113,6 @@ def test_cloth_follows_the_closed_form(play: Play, name: str) -> None:
     assert np.abs(track.theta[spinning, 0] - turned[spinning]).max(initial=0.0) < 1e-7
 
 
-# End of the slide for mu_s = 0.212, alpha = 22 rad/s^2, by independent integration: v0, spin; time, place, v, omega_z.
-SLIDES = [
-    ((2, 0), (0, 0, 0), 0.274762, (0.471021, 0), (1.428571, 0), 0),
-    ((2, 0), (30, 0, 60), 0.295295, (0.506219, -0.033221), (1.428571, -0.225000), 53.5035),
-    ((1.5, 0.5), (-20, -40, -30), 0.350339, (0.397885, 0.176421), (0.771429, 0.507143), -22.2925),
-    ((1, 0), (0, 60, 0), 0.078994, (0.085483, 0), (1.164286, 0), 0),
-    ((1, 0), (0, -60, 10), 0.353756, (0.223625, 0), (0.264286, 0), 2.2174),
-]
-
-
-@pytest.mark.parametrize(("v0", "w0", "end", "place", "velocity", "side"), SLIDES)
-def test_slides_agree_with_the_table(
-    play: Play, v0: Any, w0: Any, end: float, place: Any, velocity: Any, side: float
-) -> None:
-    track = play(cloth_model(0.212, 0.0127, 22.0), [alone(v0, w0, np.array([0.0, end]))])[0]
-    assert track.position[1, 0] == pytest.approx(place, abs=2e-6)
-    near = 3e-6 if is_exact(play) else 5e-4  # in MuJoCo a slide ends within a step, somewhere
-    assert track.velocity[1, 0] == pytest.approx(velocity, abs=near)
-    assert track.spin[1, 0, 2] == pytest.approx(side, abs=30 * near)
-    slip = track.velocity[1, 0] + SNOOKER.radius * track.spin[1, 0, [1, 0]] * [-1, 1]
-    assert np.abs(slip).max() < 4 * near
-
-
 def test_native_contact_is_wrong_by_centimetres_for_a_spinning_ball() -> None:
     native = Model(OPEN, SNOOKER).with_values(
         dict(zip(("native.slide", "native.roll", "native.spin"), LAW, strict=True))

@@ -289,12 +289,6 @@ def test_a_reader_that_leaves_ends_the_command_quietly() -> None:
     assert (done.returncode, len(done.stdout.splitlines()), done.stderr) == (0, 1, "")
 
 
-def test_help_starts_without_numerical_libraries() -> None:
-    code = "import sys, planner.cli, robot.cli, sysid.cli; print({'numpy', 'mujoco', 'cv2'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout.strip() == "set()", done.stderr
-
-
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """`sysid demo` as a user starts it: its folder, and what it said."""

@@ -23,7 +23,7 @@ from sysid.estimation.chain import (
 )
 from sysid.estimation.chain_beside import Beside, information_beside
 from sysid.estimation.chain_fit import fit_chain, settled_states
-from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows
+from sysid.estimation.chain_search import SAME_LOSS, searched_windows
 from sysid.estimation.clip_fit import fit_clips
 from sysid.estimation.from_nothing import WindowFit, from_other
 from sysid.estimation.initial_states import shot_losses, within_noise
@@ -31,7 +31,7 @@ from sysid.estimation.problem import values_of
 from sysid.estimation.shot_problem import shot_problem
 from sysid.estimation.windows import columns, shot_states, windows_of
 from sysid.selection.discover import discover
-from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, long_shots, struck_rms, true_model
+from tests.support.long_shots import CAROM, NOISE_M, long_shots, true_model
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def chain() -> tuple[Chain, np.ndarray]:
     """Windows at the true constants, and states that follow them."""
     model = true_model(*CAROM)
     names = tuple(model.parameters())
-    problem = shot_problem(model, names, long_shots(model, 12, 5), NOISE_M)
+    problem = shot_problem(model, names, long_shots(model, 13, 4, impacts=(5, 8)), NOISE_M)
     chain = Chain(problem, windows_of(problem))
     return chain, searched_windows(chain, values_of(model, names))
 
@@ -140,12 +140,6 @@ def test_a_jump_within_a_step_tells_of_no_slope(chain: tuple[Chain, np.ndarray])
     assert np.all(two < 1.001 * one) and np.median(two / one) == pytest.approx(1.0, abs=0.02)
 
 
-def test_shots_are_found_whole_from_windows(chain: tuple[Chain, np.ndarray]) -> None:
-    at, _ = chain
-    problem = at.problem.with_model(at.model, ())
-    assert (struck_rms(problem, found_states(problem, NO_CONSTANTS)) < 1.7 * NOISE_M).all()  # the noise has two axes
-
-
 def test_some_of_the_shots_are_what_they_are_among_all(chain: tuple[Chain, np.ndarray]) -> None:
     at, states = chain
     c, some = values_of(at.model, at.names), np.array([1, 3])
@@ -210,7 +204,7 @@ def test_a_fit_takes_over_the_windows_that_another_follows_better(chain: tuple[C
 @pytest.mark.parametrize("count", [1, 2])
 def test_shots_too_few_for_halves_are_fitted_without_what_halves_differ_by(count: int) -> None:
     model = true_model(*CAROM)
-    found = fit_clips(long_shots(model, 12, count), full_model(*CAROM)).fitted
+    found = fit_clips(long_shots(model, 13, count, impacts=(5, 8)), full_model(*CAROM)).fitted
     assert found.rms < 3 * NOISE_M and found.names
 
 

@@ -108,7 +108,7 @@ def test_states_of_all_clips_fit_the_whole_set(made: Made) -> None:
 @pytest.mark.slow
 def test_a_hidden_effect_is_named_from_running_clips_alone(tmp_path: Path) -> None:
     kinds = ("--kind", "roll,stun,follow,cushion,long,cut")
-    words = ("--seed", "8", "--clips", "24", "--seconds", "3", "--no-cue", *kinds)
+    words = ("--seed", "8", "--clips", "14", "--seconds", "2.5", "--no-cue", *kinds)
     assert generate([str(tmp_path / "set"), *words, "--effect", "table_tilt=0.001,-0.0015"]) == 0
     cut = written_running(cut_in_motion(read_clip_set(tmp_path / "set"), 8, latest=0.4), tmp_path / "cut")
     found = discover(cut, full_model(cut.table, cut.ball))

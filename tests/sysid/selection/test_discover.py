@@ -83,7 +83,11 @@ def test_a_hidden_effect_is_named_and_measured(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", [(), ("--no-cue", "--no-sigma")], ids=["plain", "no commands, noise unknown"])
+@pytest.mark.parametrize(
+    "words",
+    [pytest.param((), id="plain", marks=pytest.mark.thorough),
+     pytest.param(("--no-cue", "--no-sigma"), id="no commands, noise unknown")],
+)  # fmt: skip
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path: Path, words: tuple[str, ...]) -> None:
     clip_set, found = found_in(clips(tmp_path / "set", 32, "--kind", "roll,stun,cushion,cut", *words))
     assert found.verdict == ()
@@ -124,8 +128,8 @@ def test_an_effect_that_another_makes_superfluous_goes(tmp_path: Path) -> None:
     ("seed", "clips", "seconds", "constant", "name"),
     [
         ("20290", "8", "3", "nose=-0.13", "nose_height.change"),
-        ("20140", "8", "3", "hop=0.06", "cue_hop.time_per_speed"),
-        ("20391", "12", "4", "image_aspect=0.005", "image_aspect.aspect"),
+        pytest.param("20140", "8", "3", "hop=0.06", "cue_hop.time_per_speed", marks=pytest.mark.thorough),
+        pytest.param("20391", "12", "4", "image_aspect=0.005", "image_aspect.aspect", marks=pytest.mark.thorough),
     ],
 )
 def test_an_effect_that_hides_from_its_derivative_is_found(

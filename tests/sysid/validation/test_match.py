@@ -41,7 +41,7 @@ class Level(Effect):
 
 @pytest.fixture(scope="module")
 def rows() -> list[MatchResult]:
-    return list(match.rows(count=40, shots=12, few=True))
+    return list(match.rows(count=20, shots=6, few=True))
 
 
 @pytest.mark.slow

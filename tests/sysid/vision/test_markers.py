@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import re
 import zlib
 from collections.abc import Sequence
@@ -112,15 +111,15 @@ def test_markers_alone_give_a_camera() -> None:
     assert place_error(camera) < 5e-3
 
 
-@pytest.mark.parametrize("card", [
-    Card(number, **off) for number in range(6)
-    for off in ({"along": 0.03}, {"along": -0.03}, {"out": 0.03}, {"out": -0.03}, {"turn": np.pi})
-], ids=str)  # fmt: skip
+OFF = ({"along": 0.03}, {"along": -0.03}, {"out": 0.03}, {"out": -0.03}, {"turn": np.pi})
+
+
+@pytest.mark.parametrize("card", [Card(k % 6, **OFF[(k + k // 6) % 5]) for k in range(12)], ids=str)
 def test_a_marker_laid_wrongly_is_the_one_left_out(card: Card) -> None:
     check_left_out(card)
 
 
-@pytest.mark.parametrize(("one", "other"), [p for p in itertools.combinations(range(6), 2) if p != (0, 3)])
+@pytest.mark.parametrize(("one", "other"), [(0, 1), (1, 2), (0, 4), (1, 5), (2, 4), (3, 5)])
 def test_two_that_were_exchanged_are_left_out(one: int, other: int) -> None:
     check_left_out(Card(one, place=other), Card(other, place=one))
 

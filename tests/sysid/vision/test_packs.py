@@ -40,7 +40,7 @@ def rack(rows: tuple[int, ...], at: tuple[float, float]) -> Array:
 
 def filmed(colours: Mapping[str, str], racked: Array, *, numbers: bool) -> list[Picture]:
     """A cue ball that rolls while the other balls rest in a rack."""
-    times = np.arange(0.0, 1.5, 0.1)
+    times = np.arange(0.0, 1.0, 0.1)
     white = np.column_stack([-0.45 + 0.1 * times, -0.2 + 0.2 * times])
     places = np.concatenate([white[:, None], np.broadcast_to(racked, (len(times), *racked.shape))], axis=1)
     turned = np.tile([0.0, 0, 0, 1], (*places.shape[:2], 1))
@@ -49,7 +49,7 @@ def filmed(colours: Mapping[str, str], racked: Array, *, numbers: bool) -> list[
         spots=dict.fromkeys(colours, NUMBER) if numbers else {},
     )  # fmt: skip
     motion = Motion(("white", *colours), times, places, turned)
-    return list(webcam(film(CAMERA, motion, times[:12], look), Webcam(quality=45)))
+    return list(webcam(film(CAMERA, motion, times[:8], look), Webcam(quality=45)))
 
 
 def missed(seen: list[Detection], racked: Array) -> tuple[Array, int]:
@@ -85,7 +85,7 @@ def learnt_rack(
 )
 def test_every_ball_of_a_rack_is_found(rows: tuple[int, ...], colours: tuple[str, ...], pool: bool) -> None:
     racked, pictures, detector = learnt_rack(rows, colours, pool=pool)
-    for picture in pictures[::6]:
+    for picture in pictures[::4]:
         seen = detector.find(picture)
         for _ in range(4):  # found anew, then followed from where they were found
             off, beside = missed(seen, racked)
