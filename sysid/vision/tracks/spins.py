@@ -1,6 +1,7 @@
 """Balls that spin in place: their face changes from picture to picture while they are at rest and nothing else moves.
 
-In: pictures, for the change of a face; then the tracked scene and its shots. Out: spins as shots without speed.
+In: pictures, for the change of a face; then the tracked scene and its shots. Out: spins as shots without speed. Fingers
+spin one ball: where several faces change at once, the pictures do, as those made of fields do from row to row.
 """
 
 from __future__ import annotations
@@ -48,6 +49,10 @@ def spins(scene: TrackedScene, shots: Sequence[TrackedShot]) -> list[TrackedShot
     busy = np.zeros(len(scene.frames), bool)
     for first, last in [(s.first, s.last) for s in shots] + [(m.before, m.ended) for m in scene.moves]:
         busy[slice(*np.searchsorted(scene.frames, (first - MARGIN_FRAMES, last + MARGIN_FRAMES + 1)).tolist())] = True
+    changing = np.zeros(len(scene.frames), int)  # balls
+    for track in scene.tracks:
+        changing[np.searchsorted(scene.frames, track.frame)[_is_changing(track.face_change)]] += 1
+    busy |= changing > 1
     found = []
     for track in scene.tracks:
         free = ~busy[np.searchsorted(scene.frames, track.frame)]

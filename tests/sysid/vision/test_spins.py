@@ -53,6 +53,12 @@ def test_a_face_that_turns_is_told_from_noise_and_from_light() -> None:
     assert np.isnan(face_change(taken(plain), taken(plain), np.array([3.0, 20.0]), 12.0, NOISE))
 
 
+def test_faces_that_change_all_at_once_are_no_spins() -> None:
+    """As in a film made of fields, whose pictures lie a row higher in turn."""
+    white, red = path("white", (0.3, 0.1), (0.5, 1.4)), path("red", (-0.4, 0.0), (0.4, 1.5))
+    assert spins(scene(white, red), ()) == []
+
+
 def test_a_spin_in_place_is_a_clip_of_the_time_it_lasts() -> None:
     white, red = path("white", (0.3, 0.1), (0.5, 1.4)), path("red", (-0.4, 0.0), None)
     (found,) = spins(scene(white, red), ())
