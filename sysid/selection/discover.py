@@ -24,11 +24,12 @@ from sysid.selection.by_windows import ByWindows
 from sysid.selection.departures import without_departing
 from sysid.selection.formula import EFFECT_NAME, describe
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
+from sysid.selection.names import Found
 from sysid.selection.next_shot import propose_next
 from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import Found, search
+from sysid.selection.search import search
 from sysid.selection.signatures import at_sizes
 from sysid.selection.stability import stability_of
 
