@@ -20,7 +20,7 @@ from models.engine.play import lacking
 from models.messages import counted
 from sysid.estimation.chain import Chain, likely_spread
 from sysid.estimation.chain_fit import settled_states
-from sysid.estimation.initial_states import fit_states, own_scores, shot_losses, within_noise
+from sysid.estimation.initial_states import fit_states, followed, own_scores, within_noise
 from sysid.estimation.problem import CAUCHY_SD, Array, Index
 from sysid.estimation.residual_rows import MOTION_SIZE
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
@@ -207,9 +207,8 @@ def whole_states(chain: Chain, states: Array, c: Array, problem: ShotProblem, th
     x[hit] = from_other_sidespins(seen.objective(), x[hit], c, hit, max(len(clip.balls) for clip in problem.clips))
     score, own = own_scores(problem, x, c)
     times, enough = np.ones(len(x)), np.maximum([len(e) for e in problem.events], 2)
-    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(0.0)
     for effort in SEARCH_EFFORTS if thorough else SEARCH_EFFORTS[:1]:
-        todo = np.flatnonzero(~within_noise(*shot_losses(bare, x, c), problem.correlation_time))
+        todo = np.flatnonzero(~followed(problem, x, c))
         if effort > 1:
             todo = np.intersect1d(todo, standing_out(problem.with_discrepancy(float(np.median(own))), x, c))
         if todo.size * effort > max(len(x), SEARCH_EFFORTS[-1]):

@@ -15,7 +15,7 @@ import numpy as np
 
 from models.messages import counted
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
-from sysid.estimation.initial_states import fit_states, shot_losses, shot_scores, within_noise
+from sysid.estimation.initial_states import fit_states, followed, shot_scores
 from sysid.estimation.problem import Array, shared_constants
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint, reduced_system
@@ -99,7 +99,7 @@ def _searched(
         usual: discrepancy rate that only worse shots exceed.
     """
     bare = problem.with_own_rates(np.zeros(len(x)))
-    odd = np.flatnonzero(~within_noise(*shot_losses(bare.with_discrepancy(usual), x, c), problem.correlation_time))
+    odd = np.flatnonzero(~followed(problem, x, c, usual))
     if not odd.size:
         return x, 0
     part = bare.only(odd)

@@ -23,8 +23,8 @@ from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
 from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
-from sysid.estimation.initial_states import own_scores, shot_losses, shot_scores, with_scatter, within_noise
-from sysid.estimation.problem import Array, Index, values_of
+from sysid.estimation.initial_states import followed, own_scores, shot_scores, with_scatter
+from sysid.estimation.problem import Array, values_of
 from sysid.estimation.profile import profiled
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, split, typical_error
@@ -196,8 +196,8 @@ def with_found_starts(found: FittedModel) -> FittedModel:
     while True:
         problem, x, usual = found.problem, found.initial_states.copy(), found.discrepancy_rate
         bare, c = problem.with_own_rates(np.zeros(len(x))), found.constants
-        odd = _missed(problem, x, c, usual)
-        rest = np.setdiff1d(np.arange(len(x)), odd)
+        good = followed(problem, x, c, usual)
+        odd, rest = np.flatnonzero(~good), np.flatnonzero(good)
         if not 0 < odd.size < rest.size:
             return found
         others = fit(Point(bare.only(rest), x[rest], c, usual), f"{rest.size} shots that are followed", searching=False)
@@ -211,19 +211,13 @@ def with_found_starts(found: FittedModel) -> FittedModel:
 
 def likelier_starts(problem: ShotProblem, x: Array, c: Array, usual: float) -> Array:
     """Initial states (n, p) at constants (q,), found anew where shots miss by more than the usual discrepancy."""
-    odd, x = _missed(problem, x, c, usual), x.copy()
+    odd, x = np.flatnonzero(~followed(problem, x, c, usual)), x.copy()
     if odd.size:
         part = problem.with_own_rates(np.zeros(len(x))).only(odd)
         new = found_states(part, c)
         better = own_scores(part, new, c)[0] < own_scores(part, x[odd], c)[0] - BETTER_LOSS
         x[odd] = np.where(better[:, None], new, x[odd])
     return x
-
-
-def _missed(problem: ShotProblem, x: Array, c: Array, usual: float) -> Index:
-    """Shots that miss by more than noise and the usual discrepancy explain."""
-    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(usual)
-    return np.flatnonzero(~within_noise(*shot_losses(bare, x, c), problem.correlation_time))
 
 
 def _score(found: FittedModel) -> float:

@@ -50,6 +50,12 @@ def within_noise(loss: Array, count: Array, correlation_time: float) -> NDArray[
     return np.asarray(loss / np.maximum(count, 1) <= 0.5 + CHANCE_SD * sd)
 
 
+def followed(problem: ShotProblem, x: Array, c: Array, rate: float = 0.0) -> NDArray[np.bool_]:
+    """Whether shots miss by no more than noise, and a discrepancy of this rate, explain: (n,)."""
+    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(rate)
+    return within_noise(*shot_losses(bare, x, c), problem.correlation_time)
+
+
 def own_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]:
     """Negative log likelihood of every shot at its own most likely discrepancy, and these rates: (n,), (n,).
 
@@ -70,9 +76,7 @@ def shot_scores(problem: ShotProblem, x: Array, c: Array) -> tuple[Array, Array]
 
 def _own_rates(problem: ShotProblem, x: Array, c: Array) -> Array:
     """The most likely discrepancy rate of every shot (n,): 0 where it misses by no more than noise explains."""
-    bare = problem.with_own_rates(np.zeros(len(x))).with_discrepancy(0.0)
-    fits = within_noise(*shot_losses(bare, x, c), problem.correlation_time)
-    return np.where(fits, 0.0, problem.discrepancy_rates(x, c))
+    return np.where(followed(problem, x, c), 0.0, problem.discrepancy_rates(x, c))
 
 
 def weighed_scores(problem: ShotProblem, x: Array, c: Array, rate: float) -> tuple[Array, Array]:

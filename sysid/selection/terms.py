@@ -133,14 +133,7 @@ SIZE_VARIABLES = ("wz", "along")  # variables whose absolute value may matter
 COUNTED_VARIABLES = ("rail", "number", "table", "player")  # variables with a few discrete values
 DRIFT_VARIABLES = tuple(name for name in SESSION_VARIABLES if name not in COUNTED_VARIABLES)  # of drifts
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # for two balls
-DECAY_VARIABLES = (
-    "speed",
-    "slip",
-    "approach",
-    "time",
-    "order",
-    "cloth_age",
-)  # variables over which a quantity may decay
+DECAY_VARIABLES = ("speed", "slip", "approach", "time", "order", "cloth_age")  # over which a quantity may decay
 PARTS_OF_RANGE = 20  # first grid of steps and decays over a variable's range
 PLACE_DIGITS = 4
 VARIABLE_PAIRS = (("rail", "along"),)  # of which a quantity may be a joint function, even where others suffice

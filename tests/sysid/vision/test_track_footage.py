@@ -49,7 +49,7 @@ def test_the_whole_picture_is_searched_now_and_then(shown: tuple[Drawn, Tracked]
     assert [path.name for path in result.scene.tracks if path.frame[-1] == len(result.scene.frames) - 1] != []
     assert len(result.shots) == 2
     assert all(len(shot.balls) == 3 for shot in result.shots)
-    assert result.rate > 0
+    assert result.rate > 100
 
 
 def test_a_picture_of_every_clip(tmp_path: File, shown: tuple[Drawn, Tracked]) -> None:
