@@ -98,8 +98,8 @@ class ByWholeShots(FitView):
         """The loss after a few steps of a fit, since a shot of many impacts is far from linear; see `FitView`."""
         return _best_start(self.now, score)[0]
 
-    def without(self, name: str) -> Self:
-        """The fit without an effect."""
+    def fitted_without(self, name: str) -> Self:
+        """See `FitView`."""
         return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
 
     def stripped(self, name: str) -> Self:

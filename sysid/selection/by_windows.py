@@ -79,8 +79,8 @@ class ByWindows(FitView):
         """The fit with an effect more, or with another formula."""
         return dataclasses.replace(self, at=with_effect(self.at, score))
 
-    def without(self, name: str) -> Self:
-        """The fit without an effect."""
+    def fitted_without(self, name: str) -> Self:
+        """See `FitView`."""
         return dataclasses.replace(self, at=without_effect(self.at, name, CANDIDATE_STEPS))
 
     def stripped(self, name: str) -> Self:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -68,9 +69,20 @@ class FitView(ABC):
         """The predicted loss of a fit with a candidate, up to a constant: here by its score."""
         return -0.5 * score.predicted_improvement
 
-    @abstractmethod
     def without(self, name: str) -> Self:
         """The fit without an effect."""
+        if name not in self._fits_without:
+            self._fits_without[name] = self.fitted_without(name)
+        return self._fits_without[name]
+
+    @cached_property
+    def _fits_without(self) -> dict[str, Self]:
+        """Fits without one effect: the search, its last reading and the result ask for the same one."""
+        return {}
+
+    @abstractmethod
+    def fitted_without(self, name: str) -> Self:
+        """The fit without an effect, fitted anew."""
 
     @abstractmethod
     def stripped(self, name: str) -> Self:
