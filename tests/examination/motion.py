@@ -27,6 +27,7 @@ class Seen:
     slip: float = 0.0
     approach: float = 0.0
     rail: str = ""
+    incidence: float = 0.0  # of a rebound, from the normal [rad]
     other: int = -1
     order: float = 0.0  # of the clip in the session, 0 to 1
     celsius: float = 20.0  # in the room
@@ -49,6 +50,8 @@ class World:
     slide: Law = field(default_factory=lambda: _constant(0.2))
     roll: Law = field(default_factory=lambda: _constant(0.0127))
     spin: float = 22.0  # deceleration of sidespin [rad/s^2]
+    across: Law = field(default_factory=lambda: _constant(0.0))  # of a rolling ball, to the left of its way [m/s^2]
+    frame: float = 1.0  # how long a frame lasts, over what the camera states
     cushion_e: Law = field(default_factory=lambda: _constant(0.88))
     cushion_mu: Law = field(default_factory=lambda: _constant(0.17))
     ball_e: Law = field(default_factory=lambda: _constant(0.93))
@@ -133,7 +136,8 @@ class World:
         if step > 0.0 and speed > 0.0:
             a = self.roll(seen) * GRAVITY
             part = min(step, speed / a)
-            ax, ay = -a * vx / speed, -a * vy / speed
+            aside = self.across(seen)
+            ax, ay = (-a * vx - aside * vy) / speed, (-a * vy + aside * vx) / speed
             x, y = x + vx * part + 0.5 * ax * part**2, y + vy * part + 0.5 * ay * part**2
             vx, vy = (vx + ax * part, vy + ay * part) if part < speed / a else (0.0, 0.0)
             wx, wy = -vy / radius, vx / radius
@@ -151,7 +155,8 @@ class World:
                 outward = (side, 0.0) if axis == 0 else (0.0, side)
                 slip = math.hypot(*self._slip(ball, (outward[0] * NOSE_COS, outward[1] * NOSE_COS, NOSE_SIN)))
                 rail = "+-"[side < 0] + "xy"[axis]
-                seen = Seen(ball, number, slip, speed, rail, order=self.order, celsius=self.celsius)
+                angle = math.acos(min(speed / math.hypot(ball[2], ball[3]), 1.0))
+                seen = Seen(ball, number, slip, speed, rail, angle, order=self.order, celsius=self.celsius)
                 self._strike_cushion(ball, outward, speed, seen)
 
     def _strike_cushion(self, ball: Ball, out: tuple[float, float], speed: float, seen: Seen) -> None:
