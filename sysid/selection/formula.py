@@ -229,7 +229,7 @@ def reshaped(
     old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
     at = dict(zip(base.names, base.constants.tolist(), strict=True))
     seen, _, free = _functions(base, found, joint=True)
-    for block in free:
+    for block in [one for one in free if one.quantity == group[0].quantity]:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):
             own = [term.moved(at[f"{EFFECT_NAME}.{term.place_name}"]) if term.limits else term for term in group]

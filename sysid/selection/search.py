@@ -303,9 +303,10 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
     """
     been, searched, read = [_what(found)], list[_What](), list[_What]()
     while True:
-        seen = next_cause(found.view, found.formula, error_rate)
-        verdict = (*found.verdict, seen.name) if seen.name else found.verdict
-        now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
+        seen, now = next_cause(found.view, found.formula, error_rate), found
+        if seen.view is not found.view:
+            verdict = (*found.verdict, seen.name) if seen.name else found.verdict
+            now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
         if _what(now) in been:  # nothing was added, or a dropped cause was added again
             now = found
             if _what(found) not in searched:
