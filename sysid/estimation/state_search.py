@@ -94,7 +94,10 @@ def from_other_sidespins(seen: Objective, x: Array, c: Array, rows: Index, balls
     """
     away = ndtri((np.arange(FIRST_DRAWS) + 0.5) / FIRST_DRAWS)
     for column in [columns(ball, balls)[1][-1] for ball in range(balls)]:
-        wide = np.flatnonzero(np.isfinite(seen.prior.sd[rows, column])) if column < x.shape[1] else np.zeros(0, int)
+        if column >= x.shape[1]:
+            continue
+        unknown = True if seen.free is None else seen.free[rows, column]
+        wide = np.flatnonzero(np.isfinite(seen.prior.sd[rows, column]) & unknown)
         if not wide.size:
             continue
         which = rows[wide]

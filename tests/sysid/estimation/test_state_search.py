@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from sysid.estimation.chain_search import found_states
 from sysid.estimation.from_nothing import begin
 from sysid.estimation.initial_states import fit_states, own_scores
 from sysid.estimation.problem import Array
-from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.state_search import from_other_sidespins, searched_states
 from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, SNOOKER, long_shots, struck_rms, true_model
 
@@ -47,8 +48,9 @@ def test_a_shot_begins_as_seen_before_its_first_impact() -> None:
     assert struck_rms(problem, found_states(problem, NO_CONSTANTS))[0] < 1.2 * math.sqrt(2) * NOISE_M
 
 
-def test_sidespin_that_the_cloth_would_end_is_found() -> None:
-    """Where a fit begins without sidespin, a little of it changes nothing: it is gone before the balls meet."""
+@pytest.fixture(scope="module")
+def cut_with_side() -> tuple[ShotProblem, Array]:
+    """A cut with a sidespin of 0.43 m/s, and where a fit that begins without any ends."""
     model = true_model(*SNOOKER)
     times, aside, radius = np.arange(0.0, 2.0, 1 / 120), 0.6, model.ball.radius
     at = np.array([[-0.5, 0.0], [0.0, aside * 2 * radius]])
@@ -63,10 +65,21 @@ def test_sidespin_that_the_cloth_would_end_is_found() -> None:
     problem = shot_problem(model, (), clips, NOISE_M)
     x = problem.start.copy()
     x[0, 6] = 0.0
-    stuck = fit_states(problem, x, NO_CONSTANTS, 40)
+    return problem, fit_states(problem, x, NO_CONSTANTS, 40)
+
+
+def test_sidespin_that_the_cloth_would_end_is_found(cut_with_side: tuple[ShotProblem, Array]) -> None:
+    """Where a fit begins without sidespin, a little of it changes nothing: it is gone before the balls meet."""
+    problem, stuck = cut_with_side
     assert stuck[0, 6] == 0.0, "where a fit without sidespin ends"
     found = from_other_sidespins(problem.objective(), stuck, NO_CONSTANTS, np.arange(1), 2)
     assert found[0, 6] == pytest.approx(0.43, abs=0.05)
+
+
+def test_a_sidespin_that_is_no_unknown_is_not_searched(cut_with_side: tuple[ShotProblem, Array]) -> None:
+    problem, stuck = cut_with_side
+    held = dataclasses.replace(problem.objective(), free=np.zeros(stuck.shape, bool))
+    assert from_other_sidespins(held, stuck, NO_CONSTANTS, np.arange(1), 2) is stuck
 
 
 @pytest.mark.slow

@@ -59,6 +59,7 @@ def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     seen = judged(found.view, more, unknowns_of(row.candidate, more.names))
     threshold = Threshold(290, 0.05)
     assert seen.log_odds < 1.0 < threshold.least, "no more than chance gives"
+    assert more.without("side_curve") is more.without("side_curve"), "fitted once"
     kept = without_needless(more, ("speed_drag", "side_curve"), None, threshold)
     assert kept[1:] == (("speed_drag",), None)
     assert not any(name.startswith("side_curve") for name in kept[0].names)
