@@ -16,14 +16,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, make_dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from models.compiled import compiled
-from models.effect import EDGE_OVERSHOOT_M, Array, BallState, Effect, ImageState, ImpactState, param, push_along
+from models.crossings import until_bend, until_edge, until_line
+from models.effect import Array, BallState, Effect, ImageState, ImpactState, param, push_along
 from models.hooks import Layout
-from models.variables import NONE, SLIP, SPEED, TIME, WZ, X, Y, of_ball, of_image, of_impact
+from models.variables import NONE, X, Y, of_ball, of_image, of_impact
 
 MAX_TERMS = 64
 MAX_CONSTANTS = 4
@@ -57,7 +58,34 @@ HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
     BEND,  # how far v is above b, or with c = -1 below it; 0 on the other side
 ) = range(17)
 
-TERM_FIELDS = ("coefficient", "door", "factor", "a", "b", "c", "d", "counted", "which")  # fields of a term
+
+class TermRow(NamedTuple):
+    """A term as compiled code reads it."""
+
+    coefficient: float
+    door: float  # quantity that it changes; 0 behind the last term
+    factor: float
+    a: float
+    b: float
+    c: float
+    d: float
+    counted: float  # variable, and the value of it for which alone the term acts
+    which: float
+
+
+class FactorArguments(NamedTuple):
+    """What a factor depends on: a ball, an impact of ball `first` with ball or rail `second`, or an image."""
+
+    v: float  # the factor's variable
+    x: float  # [m]
+    y: float
+    heading: float  # [rad]
+    wz: float  # [rad/s]
+    first: float
+    second: float
+
+
+TERM_FIELDS = TermRow._fields
 TERM_SIZE = len(TERM_FIELDS)
 TERM_LAYOUT = (("terms", MAX_TERMS * TERM_SIZE),)
 
@@ -94,11 +122,10 @@ class Part:
 
 
 @compiled
-def factor_value(
-    factor: float, a: float, b: float, c: float, d: float, v: float, x: float, y: float, heading: float, wz: float,
-    first: float, second: float,
-) -> float:  # fmt: skip
-    """A factor for a ball, an impact of ball `first` with ball or rail `second`, or an image; v is its variable."""
+def factor_value(term: TermRow, at: FactorArguments) -> float:
+    """The factor of a term."""
+    _, _, factor, a, b, c, d, _, _ = term
+    v, x, y, heading, wz, first, second = at
     if factor == BOX:
         return 1.0 if abs(x - a) <= b and abs(y - c) <= d else 0.0
     if factor == COS:
@@ -136,63 +163,10 @@ def factor_value(
 
 
 @compiled
-def _until(gap: float, speed: float, acceleration: float) -> float:
-    """When a way of `gap`, and a bit more, has been gone at a constant acceleration [s]; inf if never."""
-    way = gap + EDGE_OVERSHOOT_M if gap >= 0.0 else gap - EDGE_OVERSHOOT_M
-    under = speed * speed + 2.0 * acceleration * way
-    if under < 0.0:
-        return math.inf
-    both = speed + math.copysign(math.sqrt(under), speed)
-    first = 2.0 * way / both if both != 0.0 else math.inf
-    second = -both / acceleration if acceleration != 0.0 else math.inf
-    return min(first if first > 0.0 else math.inf, second if second > 0.0 else math.inf)
-
-
-@compiled
-def until_line(ball: BallState, variable: float, at: float) -> float:
-    """When a ball crosses the line x = at or y = at, at what pushes it now [s]; inf for another variable."""
-    if variable == X and ball.vx != 0.0:
-        return _until(at - ball.x, ball.vx, ball.ax)
-    if variable == Y and ball.vy != 0.0:
-        return _until(at - ball.y, ball.vy, ball.ay)
-    return math.inf
-
-
-@compiled
-def until_bend(ball: BallState, variable: float, at: float, half: float) -> float:
-    """When a hat at a value of a variable bends, or for what is not known ahead how long half of it takes [s]."""
-    ends = (at - half, at, at + half)
-    left = math.inf
-    if variable in (X, Y):
-        for end in ends:
-            left = min(left, until_line(ball, variable, end))
-    elif variable == TIME:
-        for end in ends:
-            left = min(left, end - ball.time if end > ball.time else math.inf)
-    elif variable in (SPEED, SLIP, WZ):
-        rate = abs(ball.bz) if variable == WZ else math.sqrt(ball.ax * ball.ax + ball.ay * ball.ay)
-        if variable == SLIP:
-            rate *= 3.5  # of a sliding ball: a - R alpha, 5/2 of the force turning it
-        left = half / rate if rate > 0.0 else math.inf
-    return left
-
-
-@compiled
-def until_edge(ball: BallState, x: float, half_x: float, y: float, half_y: float) -> float:
-    """When a ball crosses a line of the cell |x' - x| <= half_x, |y' - y| <= half_y, at what pushes it now [s]."""
-    left = math.inf
-    if ball.vx * ball.vx + ball.vy * ball.vy > 0.0:
-        for side in (-1.0, 1.0):
-            left = min(left, _until(x + side * half_x - ball.x, ball.vx, ball.ax))
-            left = min(left, _until(y + side * half_y - ball.y, ball.vy, ball.ay))
-    return left
-
-
-@compiled
-def _term(own: Any, k: int) -> tuple[float, float, float, float, float, float, float, float, float]:
+def _term(own: Any, k: int) -> TermRow:
     """The fields of a term; the door of those behind the last is 0."""
     t, n = own.terms, k * TERM_SIZE
-    return t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6], t[n + 7], t[n + 8]
+    return TermRow(t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6], t[n + 7], t[n + 8])
 
 
 @compiled
@@ -237,27 +211,23 @@ def shift(door: float, value: float, image: ImageState) -> None:
 
 
 @compiled
-def _of_ball(
-    factor: float, a: float, b: float, c: float, d: float, counted: float, which: float, ball: BallState
-) -> float:
-    if counted != NONE and of_ball(counted, ball) != which:
+def _of_ball(term: TermRow, ball: BallState) -> float:
+    if term.counted != NONE and of_ball(term.counted, ball) != term.which:
         return 0.0
-    v, heading = of_ball(a, ball), math.atan2(ball.vy, ball.vx)
-    if factor == PRODUCT:
-        v *= of_ball(b, ball)
-    return factor_value(factor, a, b, c, d, v, ball.x, ball.y, heading, ball.wz, ball.number, -1.0)
+    v, heading = of_ball(term.a, ball), math.atan2(ball.vy, ball.vx)
+    if term.factor == PRODUCT:
+        v *= of_ball(term.b, ball)
+    return factor_value(term, FactorArguments(v, ball.x, ball.y, heading, ball.wz, ball.number, -1.0))
 
 
 @compiled
-def _of_impact(
-    factor: float, a: float, b: float, c: float, d: float, counted: float, which: float, hit: ImpactState
-) -> float:
-    if counted != NONE and of_impact(counted, hit) != which:
+def _of_impact(term: TermRow, hit: ImpactState) -> float:
+    if term.counted != NONE and of_impact(term.counted, hit) != term.which:
         return 0.0
-    v, heading = of_impact(a, hit), math.atan2(hit.vy, hit.vx)
-    if factor == PRODUCT:
-        v *= of_impact(b, hit)
-    return factor_value(factor, a, b, c, d, v, hit.x, hit.y, heading, hit.wz, hit.first, hit.second)
+    v, heading = of_impact(term.a, hit), math.atan2(hit.vy, hit.vx)
+    if term.factor == PRODUCT:
+        v *= of_impact(term.b, hit)
+    return factor_value(term, FactorArguments(v, hit.x, hit.y, heading, hit.wz, hit.first, hit.second))
 
 
 @dataclass(frozen=True)
@@ -321,11 +291,11 @@ class Formula(Effect):
     def forces(self, ball: BallState) -> None:
         """What acts on a ball on the cloth."""
         for k in range(MAX_TERMS):
-            coefficient, door, factor, a, b, c, d, counted, which = _term(self, k)
-            if door == 0.0:
+            term = _term(self, k)
+            if term.door == 0.0:
                 break
-            if DRAG <= door <= SIDE:
-                push(door, coefficient * _of_ball(factor, a, b, c, d, counted, which, ball), ball)
+            if DRAG <= term.door <= SIDE:
+                push(term.door, term.coefficient * _of_ball(term, ball), ball)
 
     def horizon(self, ball: BallState) -> float:
         """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
@@ -345,28 +315,29 @@ class Formula(Effect):
     def impact(self, hit: ImpactState) -> None:
         """What changes at contacts."""
         for k in range(MAX_TERMS):
-            coefficient, door, factor, a, b, c, d, counted, which = _term(self, k)
-            if door == 0.0:
+            term = _term(self, k)
+            if term.door == 0.0:
                 break
-            if is_met(door, hit):
-                change(door, coefficient * _of_impact(factor, a, b, c, d, counted, which, hit), hit)
+            if is_met(term.door, hit):
+                change(term.door, term.coefficient * _of_impact(term, hit), hit)
 
     def observe(self, image: ImageState) -> None:
         """What the camera reports."""
         dx, dy, heading = 0.0, 0.0, math.atan2(image.vy, image.vx)
         for k in range(MAX_TERMS):
-            coefficient, door, factor, a, b, c, d, counted, which = _term(self, k)
-            if door == 0.0:
+            term = _term(self, k)
+            if term.door == 0.0:
                 break
-            if IMAGE_X <= door <= IMAGE_Y and (counted == NONE or of_image(counted, image) == which):
-                v = of_image(a, image)
-                if factor == PRODUCT:
-                    v *= of_image(b, image)
-                value = factor_value(factor, a, b, c, d, v, image.x, image.y, heading, 0.0, image.number, -1.0)
-                if door == IMAGE_X:
-                    dx += coefficient * value
+            acts = IMAGE_X <= term.door <= IMAGE_Y
+            if acts and (term.counted == NONE or of_image(term.counted, image) == term.which):
+                v = of_image(term.a, image)
+                if term.factor == PRODUCT:
+                    v *= of_image(term.b, image)
+                value = factor_value(term, FactorArguments(v, image.x, image.y, heading, 0.0, image.number, -1.0))
+                if term.door == IMAGE_X:
+                    dx += term.coefficient * value
                 else:
-                    dy += coefficient * value
+                    dy += term.coefficient * value
         image.x += dx
         image.y += dy
 

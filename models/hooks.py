@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -249,8 +249,7 @@ def push_along(ball: BallState, along: float, left: float) -> None:
         push_rolling(ball, along * cx - left * cy, along * cy + left * cx)
 
 
-@dataclass(frozen=True)
-class Hooks:
+class Hooks(NamedTuple):
     """Effects ready to be called: of each hook a table (k, 2), its address and where its parameters begin in a row."""
 
     own: Array  # (nsim, p) parameters of all effects in every simulation

@@ -9,6 +9,7 @@ Jackson, Parkin 2009. Leaves out that spin and slide share a finite contact patc
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,19 @@ LAST_SLIP_S = 5e-5  # time in which full friction ends a slip that is no longer 
 LAST_SLIP_MARGIN = 1e-6  # part of that slip within which it counts as attained
 
 
+class ClothPhase(NamedTuple):
+    """What a ball does on the cloth, and where it slips and goes; unit vectors are 0 where there is no motion."""
+
+    mode: int  # SLIDING, ROLLING or RESTING
+    slip: float  # size of the slip [m/s]
+    slip_x: float  # unit vector of the slip
+    slip_y: float
+    speed: float  # [m/s]
+    x: float  # unit vector of the velocity
+    y: float
+    spin: float  # sidespin [rad/s]
+
+
 @compiled_in_place
 def rolling_resistance(r, roll):  # type: ignore[no-untyped-def]
     """Deceleration of a rolling ball with the factors of the effects, at least 0 [m/s^2]."""
@@ -32,15 +46,17 @@ def rolling_resistance(r, roll):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def add_cloth(r, mode, slip, ux, uy, vx, vy, wz, slide, roll, spin):  # type: ignore[no-untyped-def]
-    """Add the cloth's friction to what pushes and turns a ball (models/hooks.py).
+def add_cloth(r, phase, cloth):  # type: ignore[no-untyped-def]
+    """Add the cloth's friction to what pushes and turns a ball in its record r (models/hooks.py), in a `ClothPhase`.
 
-    `mode`: whether it slides, rolls or rests. Sliding friction acts against the unit vector (ux, uy) of the slip, of
-    size `slip`; rolling friction against that of the velocity, (vx, vy); friction of sidespin against the sign of wz.
+    `cloth` (3,): friction of sliding and of rolling, deceleration of sidespin [rad/s^2].
+    Sliding friction acts against the slip, rolling friction against the velocity, that of sidespin against its sign.
     What it does across the way of a sliding ball is friction, too: as it is no larger than the friction against the
     slip, the two together never drive the slip, and take energy whatever an effect says.
     A rolling or resting ball is held at no slip by a reaction to the pushes, up to the friction of a sliding one.
     """
+    mode, slip, ux, uy, _, vx, vy, wz = phase
+    slide, roll, spin = cloth[0], cloth[1], cloth[2]
     n, radius, held = r[rec.WEIGHT] * GRAVITY, r[rec.RADIUS], False
     per = 1.0 / radius
     gx = gy = dx = dy = 0.0

@@ -44,12 +44,14 @@ def dragged(q1, q2, w1, w2, longest):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def integrate_compliant(s1, s2, c1, c2, u, e, mu, cloth, k, compliance):  # type: ignore[no-untyped-def]
+def integrate_compliant(slips, u, e, law, compliance):  # type: ignore[no-untyped-def]
     """Impulses over mass of a whole impact, as `integrate` of models/analytic/coulomb.py has them.
 
     `compliance`: stiffness along the normal over that along the face, above 0.
     """
-    ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = k
+    s1, s2, c1, c2 = slips
+    ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = law.coupling
+    mu, cloth = law.friction, law.cloth
     soft = max(compliance, MIN_COMPLIANCE)
     # Time is such that compression alone is a quarter of a circle: the force is x / -du at a depth x.
     dt = 0.5 * math.pi / QUARTER_STEPS

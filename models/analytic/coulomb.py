@@ -19,6 +19,7 @@ that sticks is held by mu(0). Leaves out friction of the cloth that depends on s
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,30 @@ ALIGNED_SINE = 1e-10  # sine between a slip and its rate below which it is round
 SLIP, STICK = 0, 1
 
 
+class Coupling(NamedTuple):
+    """How impulses change slips and the approach: the constants of the equations above, with masses of 1."""
+
+    ds: float
+    dc: float
+    a1: float
+    a2: float
+    b1: float
+    b2: float
+    p0: float
+    p1: float
+    du: float
+    uf: float
+    ug: float
+
+
+class CoulombLaw(NamedTuple):
+    """Friction of an impact, and what it acts on."""
+
+    friction: tuple[float, float, float]  # at the contact: (a, b, c) of `friction_at` [1], [1], [s/m]
+    cloth: float  # friction of the cloth [1]
+    coupling: Coupling
+
+
 @compiled
 def friction_at(mu, slip):  # type: ignore[no-untyped-def]
     """Friction a + b exp(-c slip) of a law mu = (a, b, c); a itself, to the last bit, where b is 0."""
@@ -47,9 +72,10 @@ def friction_at(mu, slip):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def]
+def _rates(s1, s2, c1, c2, ms, mc, law):  # type: ignore[no-untyped-def]
     """Friction (F1, F2, G1, G2) per normal impulse for slips and whether they stick."""
-    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
+    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = law.coupling
+    cloth = law.cloth
     if ms == STICK and mc == STICK:
         det = a2 * CLOTH_MOBILITY - b2 * b2
         f2, g2 = (b2 * dc - CLOTH_MOBILITY * ds) / det, (b2 * ds - a2 * dc) / det
@@ -62,7 +88,7 @@ def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def
         press = cloth * max(0.0, p0 + p1 * f2)
         return b1 * press * x / a1, f2, -press * x, -press * y
     size = math.sqrt(s1 * s1 + s2 * s2)
-    over = -friction_at(mu, size) / size if size > 0.0 else 0.0
+    over = -friction_at(law.friction, size) / size if size > 0.0 else 0.0
     f1, f2 = s1 * over, s2 * over
     if mc == STICK:
         return f1, f2, -b1 * f1 / CLOTH_MOBILITY, -(dc + b2 * f2) / CLOTH_MOBILITY
@@ -71,13 +97,14 @@ def _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def
 
 
 @compiled
-def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ignore[no-untyped-def]
-    """Which slips at rest stick, and in which direction the others leave: (ms, mc, s1, s2, c1, c2)."""
-    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
+def _modes(slips, still_s, still_c, ms, mc, law):  # type: ignore[no-untyped-def]
+    """Which slips (s1, s2, c1, c2) at rest stick, and where to the others leave: (ms, mc, s1, s2, c1, c2)."""
+    s1, s2, c1, c2 = slips
+    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = law.coupling
     x, y = still_s or ms == STICK, still_c or mc == STICK
-    hold = friction_at(mu, 0.0)
-    if x:
-        mu = (hold, 0.0, 0.0)  # directions in place of slips: what leaves does so at the friction of no slip
+    cloth, hold = law.cloth, friction_at(law.friction, 0.0)
+    if x:  # directions in place of slips: what leaves does so at the friction of no slip
+        law = CoulombLaw((hold, 0.0, 0.0), cloth, law.coupling)
     for choice in range(4):
         ms = STICK if x and choice in (0, 1) else SLIP
         mc = STICK if y and choice in (0, 2) else SLIP
@@ -91,7 +118,7 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
         if (x and ms == SLIP) or (y and mc == SLIP):
             # The direction in which a slip leaves is the one that the friction against it leaves it.
             for _ in range(60):
-                f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, mu, cloth, k)
+                f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, law)
                 change = 0.0
                 if x and ms == SLIP:
                     size = math.sqrt(p * p + q * q)
@@ -114,7 +141,7 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
                     u, v = n1, n2
                 if change < 1e-14:
                     break
-        f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, mu, cloth, k)
+        f1, f2, g1, g2 = _rates(p, q, u, v, ms, mc, law)
         press = cloth * max(0.0, p0 + p1 * f2)
         over = (ms == STICK and f1 * f1 + f2 * f2 > hold * hold) or (mc == STICK and g1 * g1 + g2 * g2 > press * press)
         if not over or choice == 3:
@@ -123,15 +150,20 @@ def _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k):  # type: ign
 
 
 @compiled
-def _runge_kutta(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, mu, cloth, k):  # type: ignore[no-untyped-def]
-    """Friction of a step h that begins with F, G: its mean, and the F2, G2 that work takes, from a double integral."""
-    ds, dc, a1, a2, b1, b2, _, _, _, _, _ = k
+def _runge_kutta(slips, ms, mc, h, first, law):  # type: ignore[no-untyped-def]
+    """Friction of a step h that begins with `first` (F1, F2, G1, G2), from slips (s1, s2, c1, c2).
+
+    Its mean, and the F2, G2 that work takes, from a double integral.
+    """
+    s1, s2, c1, c2 = slips
+    f1, f2, g1, g2 = first
+    ds, dc, a1, a2, b1, b2, _, _, _, _, _ = law.coupling
     m1, m2, n1, n2 = f1, f2, g1, g2
     for stage in range(3):
         d = h if stage == 2 else 0.5 * h
         x1, x2 = s1 + d * (a1 * f1 + b1 * g1), s2 + d * (ds + a2 * f2 + b2 * g2)
         y1, y2 = c1 + d * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + d * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
-        f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, mu, cloth, k)
+        f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, law)
         if stage < 2:
             m1, m2, n1, n2 = m1 + 2.0 * f1, m2 + 2.0 * f2, n1 + 2.0 * g1, n2 + 2.0 * g2
             if stage == 0:
@@ -171,9 +203,14 @@ def _fade(size, rate, rub, hold, grip, mu):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-untyped-def]
-    """Impulses over mass of a whole impact: (P, F1, F2, G1, G2); mu = (a, b, c) as in `friction_at`."""
-    ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = k
+def integrate(slips, u, e, law, steps):  # type: ignore[no-untyped-def]
+    """Impulses over mass of a whole impact, (P, F1, F2, G1, G2), that begins with slips (s1, s2, c1, c2) [m/s].
+
+    u: approach speed [m/s]; e: restitution; `law`: a `CoulombLaw`; `steps` of the whole, at least.
+    """
+    s1, s2, c1, c2 = slips
+    ds, dc, a1, a2, b1, b2, p0, p1, du, uf, ug = law.coupling
+    mu, cloth = law.friction, law.cloth
     start, hold = u, friction_at(mu, 0.0)
     longest = (1.0 + e) * u / (-du * steps)
     fine = TURNING_TOLERANCE * start * (MIN_STEPS / steps) ** 4
@@ -182,14 +219,14 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
     ms = mc = SLIP
     none = STILL_SLIP * start
     for _ in range(MAX_STEPS * (1 + steps)):
-        f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+        f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, law)
         press = cloth * max(0.0, p0 + p1 * f2)
         r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
         q1, q2 = b1 * f1 + CLOTH_MOBILITY * g1, dc + b2 * f2 + CLOTH_MOBILITY * g2
         size_s, size_c = math.sqrt(s1 * s1 + s2 * s2), math.sqrt(c1 * c1 + c2 * c2)
         rub = friction_at(mu, size_s)
         if ms == SLIP and rub * size_s < SNAP_SLIP * start:
-            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, STICK, mc, mu, cloth, k)
+            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, STICK, mc, law)
             press = cloth * max(0.0, p0 + p1 * f2)
             if f1 * f1 + f2 * f2 < hold * hold and (mc == SLIP or g1 * g1 + g2 * g2 < press * press):
                 # What is left of the slip is stopped at once: the impulse that takes is known, its course matters not.
@@ -200,7 +237,7 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
                 u += uf * f2
                 ms, s1, s2 = STICK, 0.0, 0.0
                 continue
-            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, law)
             press = cloth * max(0.0, p0 + p1 * f2)
         still_s = ms == SLIP and rub * size_s < none and s1 * r1 + s2 * r2 <= 0.0
         still_c = mc == SLIP and press * size_c < none and c1 * q1 + c2 * q2 <= 0.0
@@ -209,7 +246,7 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
         )
         if still_s or still_c or over:
             x, y = still_s or ms == STICK, still_c or mc == STICK
-            ms, mc, p, q, v, w = _modes(s1, s2, c1, c2, still_s, still_c, ms, mc, mu, cloth, k)
+            ms, mc, p, q, v, w = _modes((s1, s2, c1, c2), still_s, still_c, ms, mc, law)
             # A slip that leaves is given a trace of its direction.
             if ms == STICK:
                 s1 = s2 = 0.0
@@ -219,7 +256,7 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
                 c1 = c2 = 0.0
             elif y:
                 c1, c2 = none * v, none * w
-            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+            f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, law)
             press = cloth * max(0.0, p0 + p1 * f2)
             r1, r2 = a1 * f1 + b1 * g1, ds + a2 * f2 + b2 * g2
             q1, q2 = b1 * f1 + CLOTH_MOBILITY * g1, dc + b2 * f2 + CLOTH_MOBILITY * g2
@@ -231,15 +268,15 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
         if mc == SLIP:
             h = min(h, _reach(c1, c2, q1, q2, press, CLOTH_MOBILITY, fine))
         h = max(h, 1e-9 * longest)
-        first = (f1, f2, g1, g2)
+        slips, first = (s1, s2, c1, c2), (f1, f2, g1, g2)
         # The last step ends where the work does, by Newton on the root of the work still owed, which is nearly linear.
         for attempt in range(6):
-            f1, f2, g1, g2, w2, v2 = _runge_kutta(s1, s2, c1, c2, ms, mc, h, *first, mu, cloth, k)
+            f1, f2, g1, g2, w2, v2 = _runge_kutta(slips, ms, mc, h, first, law)
             if attempt == 0 and ms + mc == 1:
-                held = _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k)
+                held = _held(slips, ms, mc, h, (f1, f2, g1, g2), first, law)
                 if held < h:
                     h = held
-                    f1, f2, g1, g2, w2, v2 = _runge_kutta(s1, s2, c1, c2, ms, mc, h, *first, mu, cloth, k)
+                    f1, f2, g1, g2, w2, v2 = _runge_kutta(slips, ms, mc, h, first, law)
             after = u + h * (du + uf * f2 + ug * g2)
             gain = h * u + h * h * (0.5 * du + uf * w2 + ug * v2)
             if attempt == 0:
@@ -266,7 +303,7 @@ def integrate(s1, s2, c1, c2, u, e, mu, cloth, k, steps):  # type: ignore[no-unt
                 i1, i2, j1, j2 = i1 + h * f1, i2 + h * f2, j1 + h * g1, j2 + h * g2
                 s1, s2 = s1 + h * (a1 * f1 + b1 * g1), s2 + h * (ds + a2 * f2 + b2 * g2)
                 c1, c2 = c1 + h * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + h * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
-                f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, mu, cloth, k)
+                f1, f2, g1, g2 = _rates(s1, s2, c1, c2, ms, mc, law)
                 return total + h + shift, i1 + shift * f1, i2 + shift * f2, j1 + shift * g1, j2 + shift * g2
             h = max(h + shift, 1e-3 * h)
         total, work, u = total + h, work + gain, after
@@ -289,17 +326,22 @@ def _top(u, after, gain, h):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _held(s1, s2, c1, c2, ms, mc, h, f1, f2, g1, g2, first, mu, cloth, k):  # type: ignore[no-untyped-def]
-    """The part of a step h during which sticking contacts stick; usually all of it."""
-    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = k
-    hold = friction_at(mu, 0.0)
+def _held(slips, ms, mc, h, mean, first, law):  # type: ignore[no-untyped-def]
+    """The part of a step h during which sticking contacts stick; usually all of it.
+
+    `first`, `mean`: friction (F1, F2, G1, G2) at the beginning of the step, and its mean.
+    """
+    s1, s2, c1, c2 = slips
+    f1, f2, g1, g2 = mean
+    ds, dc, a1, a2, b1, b2, p0, p1, _, _, _ = law.coupling
+    cloth, hold = law.cloth, friction_at(law.friction, 0.0)
     low, high, x = 0.0, h, h
     for _ in range(50):
         if x < h:
-            f1, f2, g1, g2, _, _ = _runge_kutta(s1, s2, c1, c2, ms, mc, x, *first, mu, cloth, k)
+            f1, f2, g1, g2, _, _ = _runge_kutta(slips, ms, mc, x, first, law)
         x1, x2 = s1 + x * (a1 * f1 + b1 * g1), s2 + x * (ds + a2 * f2 + b2 * g2)
         y1, y2 = c1 + x * (b1 * f1 + CLOTH_MOBILITY * g1), c2 + x * (dc + b2 * f2 + CLOTH_MOBILITY * g2)
-        f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, mu, cloth, k)
+        f1, f2, g1, g2 = _rates(x1, x2, y1, y2, ms, mc, law)
         press = cloth * max(0.0, p0 + p1 * f2)
         # A little beyond, so that the end is seen as such.
         limit = 1.0 + 1e-10

@@ -25,8 +25,12 @@ STRAIGHT_SINE = 4e-16  # sine between velocity and acceleration below which it i
 
 
 @compiled
-def _root(c0, c1, c2, c3, c4, low, high, falling):  # type: ignore[no-untyped-def]
-    """The root of a polynomial in an interval where it changes sign once: Newton, kept inside by bisection."""
+def _root(c, low, high, falling):  # type: ignore[no-untyped-def]
+    """The root of a polynomial in an interval where it changes sign once: Newton, kept inside by bisection.
+
+    c: its coefficients (5), the constant first.
+    """
+    c0, c1, c2, c3, c4 = c
     x = 0.5 * (low + high)
     for _ in range(100):
         f = c0 + x * (c1 + x * (c2 + x * (c3 + x * c4)))
@@ -71,14 +75,14 @@ def first_fall(c0, c1, c2, c3, c4, h):  # type: ignore[no-untyped-def]
         d1 = c1 + far * (2.0 * c2 + far * (3.0 * c3 + far * 4.0 * c4))
         turn = h
         if d0 < 0.0 < d1:
-            turn = _root(c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0, edge, far, False)
+            turn = _root((c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0), edge, far, False)
         elif d0 > 0.0 > d1:
-            low = _root(c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0, edge, far, True)
+            low = _root((c1, 2.0 * c2, 3.0 * c3, 4.0 * c4, 0.0), edge, far, True)
         lowest = (d0 < 0.0 < d1) or far >= h
         if lowest and c0 + turn * (c1 + turn * (c2 + turn * (c3 + turn * c4))) < 0.0:
             if c0 + low * (c1 + low * (c2 + low * (c3 + low * c4))) <= 0.0:
                 return low
-            return _root(c0, c1, c2, c3, c4, low, turn, True)
+            return _root((c0, c1, c2, c3, c4), low, turn, True)
         if far >= h:
             break
         edge = far
@@ -86,8 +90,9 @@ def first_fall(c0, c1, c2, c3, c4, h):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def meeting(x, y, vx, vy, ax, ay, distance, h):  # type: ignore[no-untyped-def]
-    """First time in [0, h] at which a relative motion comes within a distance; inf for none, -1 where pressed."""
+def meeting(path, distance, h):  # type: ignore[no-untyped-def]
+    """First time in [0, h] at which a relative path comes within a distance; inf for none, -1 where pressed."""
+    x, y, vx, vy, ax, ay = path
     c0 = x * x + y * y - distance * distance
     c1 = 2.0 * (x * vx + y * vy)
     v2, a2 = vx * vx + vy * vy, ax * ax + ay * ay

@@ -18,13 +18,13 @@ the first to the second, for a cushion b points into it.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.compliant import integrate_compliant
-from models.analytic.coulomb import MIN_STEPS, integrate
-from models.analytic.pocket import outward
+from models.analytic.coulomb import MIN_STEPS, CoulombLaw, Coupling, integrate
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_SINE
 
@@ -33,38 +33,43 @@ Array = NDArray[np.float64]
 LEAST_APPROACH = 1e-30  # smallest approach speed of an impact; powers of a lower one would vanish [m/s]
 
 
-@compiled_in_place
-def collide(
-    cushion: bool, state: Array, e: float, law: tuple[float, float, float, float], steps: int = MIN_STEPS,
-    gain: float = 0.0, decay: float = 0.0, ratio: float = 1.0, sine: float = NOSE_SINE,
-    compliance: float = 0.0, sink: float = 0.0,
-) -> None:  # fmt: skip
-    """Carry a state (5 for a cushion, 10 for two balls) through an impact, in place.
+class ImpactLaw(NamedTuple):
+    """How an impact goes."""
 
-    `law`: friction of the contact, friction of the cloth, mass [kg], radius [m]. `steps`: of a whole impact, at least.
-    `gain` [1], `decay` [s/m]: friction of the contact is more by gain exp(-decay slip), at the slip of the moment.
-    `ratio`: mass of the first ball over that of the second, the inertia with it; a cushion does not know it.
-    `sine`: of the elevation at which a cushion's nose meets the ball; two balls do not know it.
-    `compliance`: of the nose along its face, over that along its normal (models/analytic/compliant.py); 0 is rigid.
-    `sink`: share of a cushion's push on the slate that this does not return: 0 for rigid slate, 1 for none (Han 2005).
+    restitution: float  # energetic
+    friction: float  # of the contact, at a slip that is fast
+    cloth: float  # friction of the cloth
+    gain: float = 0.0  # friction of the contact is more by gain exp(-decay slip), at the slip of the moment
+    decay: float = 0.0  # [s/m]
+    ratio: float = 1.0  # mass of the first ball over that of the second, the inertia with it; not used of a cushion
+    sine: float = NOSE_SINE  # of the elevation at which a cushion's nose meets the ball; not used of two balls
+    compliance: float = 0.0  # of the nose along its face over that along its normal; 0 where it is rigid (compliant.py)
+    sink: float = 0.0  # share of a cushion's push on the slate that this does not return: 0 rigid, 1 none (Han 2005)
+
+
+@compiled_in_place
+def collide(cushion: bool, state: Array, law: ImpactLaw, r: float, steps: int = MIN_STEPS) -> None:
+    """Carry a state (5 for a cushion, 10 for two balls) of balls of radius r [m] through an impact, in place.
+
+    `steps`: of a whole impact, at least.
     """
-    friction, cloth, _, r = law
-    mu = (friction, 1.0 * gain, 1.0 * decay)
+    e, friction, cloth, gain, decay, ratio, sine, compliance, sink = law
+    mu = (friction, gain, decay)
     if cushion:
         if state[1] < LEAST_APPROACH:
             return
         va, vb, wa, wb, wz = state[0], state[1], r * state[2], r * state[3], r * state[4]
-        sn, cs = 1.0 * sine, math.sqrt(1.0 - sine * sine)
+        sn, cs = sine, math.sqrt(1.0 - sine * sine)
         firm = 1.0 - sink
-        nose = (
+        nose = Coupling(
             firm * sn * cs, -cs, 3.5, 2.5 + sn * sn + sink * cs * cs, 1.0 - 2.5 * sn, 2.5 - sn, firm * sn,
             -firm * cs, -cs * cs - sink * sn * sn, -firm * sn * cs, cs,
         )  # fmt: skip
-        s1, s2, c1, c2, u = va + wb * sn - wz * cs, wa - vb * sn, va - wb, vb + wa, vb * cs
+        slips, u = (va + wb * sn - wz * cs, wa - vb * sn, va - wb, vb + wa), vb * cs
         if compliance > 0.0:
-            p, f1, f2, g1, g2 = integrate_compliant(s1, s2, c1, c2, u, e, mu, cloth, nose, compliance)
+            p, f1, f2, g1, g2 = integrate_compliant(slips, u, e, CoulombLaw(mu, cloth, nose), compliance)
         else:
-            p, f1, f2, g1, g2 = integrate(s1, s2, c1, c2, u, e, mu, cloth, nose, steps)
+            p, f1, f2, g1, g2 = integrate(slips, u, e, CoulombLaw(mu, cloth, nose), steps)
         state[0] = va + f1 + g1
         state[1] = vb - p * cs - f2 * sn + g2
         state[2] = (wa + 2.5 * (f2 + g2)) / r
@@ -78,11 +83,11 @@ def collide(
     o, sign = (0, 1.0) if s2 > 0.0 else (5, -1.0)
     # The cloth's slip is taken along b first, as that between the balls.
     # Impulses are over the mass of the pressed ball; the other moves by `far` of them.
-    far = 1.0 * ratio if sign > 0.0 else 1.0 / ratio
+    far = ratio if sign > 0.0 else 1.0 / ratio
     both = 1.0 + far
-    pair = (0.0, -sign, 3.5 * both, 2.5 * both, sign, 2.5, 0.0, -sign, -both, 0.0, sign)
-    c1, c2 = state[o + 1] + r * state[o + 2], state[o] - r * state[o + 3]
-    p, f1, f2, g1, g2 = integrate(s1, s2, c1, c2, u, e, mu, cloth, pair, steps)
+    pair = Coupling(0.0, -sign, 3.5 * both, 2.5 * both, sign, 2.5, 0.0, -sign, -both, 0.0, sign)
+    slips = s1, s2, state[o + 1] + r * state[o + 2], state[o] - r * state[o + 3]
+    p, f1, f2, g1, g2 = integrate(slips, u, e, CoulombLaw(mu, cloth, pair), steps)
     for n in range(2):
         part = 1.0 if 5 * n == o else far
         turn = 1.0 - 2.0 * n
@@ -97,53 +102,15 @@ def collide(
 
 
 @compiled
-def collide_rows(
-    cushion: bool, hit: NDArray[np.int64], p: Array, v: Array, w: Array, e: Array, mu: Array, cloth: Array,
-    m: float, r: float, gain: Array | None = None, decay: Array | None = None, ratio: Array | None = None,
-    sine: Array | None = None, compliance: Array | None = None, sink: Array | None = None,
-    jaws: Array | None = None,
-) -> None:  # fmt: skip
-    """Carry the balls of every simulation through its impact, in place.
+def rebound_rows(velocity: Array, spin: Array, e: Array, friction: Array, cloth: float, r: float) -> None:
+    """Carry balls through an impact with the cushion at +y, each with its restitution and friction (n,), in place.
 
-    `hit` (n, 3): kind, ball, and other ball or rail (+x, -x, +y, -y), or 4 + jaw; p, v, w (n, nball, 3);
-    e, mu, cloth (n,). gain, decay, ratio, sine, compliance, sink (n,), as in `collide`; `jaws` as in
-    models/analytic/pocket.py.
+    velocity, spin (n, 3) [m/s], [rad/s]; friction of the cloth; radius [m].
     """
-    state = np.zeros(5 if cushion else 10)
-    for k in range(hit.shape[0]):
-        i, j = hit[k, 1], hit[k, 2]
-        if cushion:
-            if jaws is None:
-                sign = 1.0 - 2.0 * (j % 2)
-                bx, by = (sign, 0.0) if j < 2 else (0.0, sign)
-            else:
-                bx, by = outward(j, p[k, i, 0], p[k, i, 1], jaws)
-            ax, ay = by, -bx
-        else:
-            ax, ay = p[k, j, 0] - p[k, i, 0], p[k, j, 1] - p[k, i, 1]
-            d = np.sqrt(ax * ax + ay * ay)
-            ax, ay = ax / d, ay / d
-            bx, by = -ay, ax
-        for n in range(1 if cushion else 2):
-            b = i if n == 0 else j
-            o = 5 * n
-            state[o] = v[k, b, 0] * ax + v[k, b, 1] * ay
-            state[o + 1] = v[k, b, 0] * bx + v[k, b, 1] * by
-            state[o + 2] = w[k, b, 0] * ax + w[k, b, 1] * ay
-            state[o + 3] = w[k, b, 0] * bx + w[k, b, 1] * by
-            state[o + 4] = w[k, b, 2]
-        more = 0.0 if gain is None else gain[k]
-        fade = 0.0 if decay is None else decay[k]
-        heavier = 1.0 if ratio is None else ratio[k]
-        nose = NOSE_SINE if sine is None else sine[k]
-        soft = 0.0 if compliance is None else compliance[k]
-        sunk = 0.0 if sink is None else sink[k]
-        collide(cushion, state, e[k], (mu[k], cloth[k], m, r), MIN_STEPS, more, fade, heavier, nose, soft, sunk)
-        for n in range(1 if cushion else 2):
-            b = i if n == 0 else j
-            o = 5 * n
-            v[k, b, 0] = state[o] * ax + state[o + 1] * bx
-            v[k, b, 1] = state[o] * ay + state[o + 1] * by
-            w[k, b, 0] = state[o + 2] * ax + state[o + 3] * bx
-            w[k, b, 1] = state[o + 2] * ay + state[o + 3] * by
-            w[k, b, 2] = state[o + 4]
+    state = np.zeros(5)
+    for k in range(e.size):
+        state[0], state[1] = velocity[k, 0], velocity[k, 1]
+        state[2], state[3], state[4] = spin[k, 0], spin[k, 1], spin[k, 2]
+        collide(True, state, ImpactLaw(e[k], friction[k], cloth, 0.0, 0.0, 1.0, NOSE_SINE, 0.0, 0.0), r, MIN_STEPS)
+        velocity[k, 0], velocity[k, 1] = state[0], state[1]
+        spin[k, 0], spin[k, 1], spin[k, 2] = state[2], state[3], state[4]

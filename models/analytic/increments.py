@@ -15,19 +15,20 @@ from models.analytic.coulomb import friction_at
 from models.compiled import compiled, compiled_in_place
 from models.shot import NOSE_SINE, Array
 
+Pair = tuple[float, float]
+
 MAX_SWEEPS = 12  # largest number of sweeps over the friction of both contacts, which depend on each other
 NOT_HELD = (False, 0.0, 0.0)
 SETTLED_CHANGE = 1e-7  # change of the friction between sweeps, over the normal impulse, at which they end
 
 
 @compiled
-def _friction(
-    limit: float, give: tuple[float, float], x0: float, y0: float, x1: float, y1: float, fx: float, fy: float
-) -> tuple[float, float]:
-    """Friction impulse for a slip from (x0, y0) to (x1, y1) without it; (fx, fy) is the last estimate of it.
+def _friction(limit: float, give: Pair, before: Pair, after: Pair, last: Pair) -> Pair:
+    """Friction impulse for a slip from `before` to `after` without it; `last` is the last estimate of it.
 
     `give`: slip per unit of friction impulse, along each direction [1/kg].
     """
+    (x0, y0), (x1, y1), (fx, fy) = before, after, last
     hx, hy = -x1 / give[0], -y1 / give[1]
     if math.sqrt(hx * hx + hy * hy) <= limit:
         return hx, hy
@@ -62,12 +63,12 @@ def cushion_step(
         if not hold[0]:
             x1 = va + ga / m + r * ((wb - k * ga) * sine - wz * cosine)
             y1 = -(vb + gb / m) * sine - (down + sink * dp * sine / m) * cosine + r * (wa + k * gb)
-            fx, fy = _friction(mu * dp, nose, x0, y0, x1, y1, fx, fy)
+            fx, fy = _friction(mu * dp, nose, (x0, y0), (x1, y1), (fx, fy))
         c1 = va + fx / m - r * (wb + k * fx * sine)
         d1 = vb - fy * sine / m + r * (wa + k * fy)
         press = (1.0 - sink) * max(0.0, dp * sine - fy * cosine)
         a, b = ga, gb
-        ga, gb = _friction(mu_cloth * press, bed, c0, d0, c1, d1, ga, gb)
+        ga, gb = _friction(mu_cloth * press, bed, (c0, d0), (c1, d1), (ga, gb))
         if abs(ga - a) + abs(gb - b) <= SETTLED_CHANGE * dp:
             break
     out[0] = va + (fx + ga) / m
@@ -100,7 +101,7 @@ def ball_step(
         sign = 1.0 - 2.0 * pressed
         m = m0 if pressed == 0 else m1
         k = 5.0 / (2.0 * m * r)
-        ft, fz = _friction(limit, touch, x0, y0, x0 + sign * gb / m, y0 + r * k * ga, ft, fz)
+        ft, fz = _friction(limit, touch, (x0, y0), (x0 + sign * gb / m, y0 + r * k * ga), (ft, fz))
         now = 0 if fz < 0.0 else 1
         if now != pressed:
             ga = gb = 0.0
@@ -111,7 +112,7 @@ def ball_step(
         c0, d0 = s[o] - r * s[o + 3], s[o + 1] + r * s[o + 2]
         c1, d1 = c0 - sign * dp / m + r * k * fz, d0 + sign * ft / m
         a, b = ga, gb
-        ga, gb = _friction(mu_cloth * abs(fz), (3.5 / m, 3.5 / m), c0, d0, c1, d1, ga, gb)
+        ga, gb = _friction(mu_cloth * abs(fz), (3.5 / m, 3.5 / m), (c0, d0), (c1, d1), (ga, gb))
         if abs(ga - a) + abs(gb - b) <= SETTLED_CHANGE * dp:
             break
     for ball in range(2):

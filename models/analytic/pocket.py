@@ -23,11 +23,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.events import CLOSED_GAP_M, in_mouth, line, meeting
+from models.analytic.geometry import Parabola
 from models.compiled import compiled_in_place
 from models.errors import BadInput
 from models.pocket_shape import CORNER_PARALLEL_RAD, MIDDLE_PARALLEL_RAD, PocketShape
@@ -47,8 +49,7 @@ DRIVEN_M = 5e-3  # depth to which other balls may drive a ball into a facing [m]
 NO_FACING_M = -1.0  # half length that stands for a facing without contact [m]
 
 
-@dataclass(frozen=True)
-class Pockets:
+class Pockets(NamedTuple):
     """Where balls of one size meet a table's pockets; arrays of no rows without them.
 
     A row of `jaws` is an arc or a facing. Arc: x, y of its centre, how far from it a ball's centre meets it, 0, 0.
@@ -207,10 +208,11 @@ def _out_and_back(gap, speed, acceleration, h):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def meet_jaw(jaw, x, y, vx, vy, ax, ay, h):  # type: ignore[no-untyped-def]
+def meet_jaw(jaw, path, h):  # type: ignore[no-untyped-def]
     """First time in [0, h] at which a centre meets an arc or a facing; inf for none, -1 where pressed."""
+    x, y, vx, vy, ax, ay = path
     if not is_facing(jaw):
-        return meeting(x - jaw[0], y - jaw[1], vx, vy, ax, ay, jaw[2], h)
+        return meeting(Parabola(x - jaw[0], y - jaw[1], vx, vy, ax, ay), jaw[2], h)
     behind = is_behind(jaw, x, y)
     x, y = x - jaw[0], y - jaw[1]
     nx, ny = jaw[3], jaw[4]
@@ -240,8 +242,9 @@ def outward(number, x, y, jaws):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def straight(rail, limits, p, v, a, half, ends, h):  # type: ignore[no-untyped-def]
+def straight(rail, geometry, p, v, a, h):  # type: ignore[no-untyped-def]
     """The same as `line` for a rail that ends before the jaws: p, v, a (2,) or (3,) of a centre, time limit h."""
+    limits, half, ends = geometry.limits, geometry.half, geometry.mouths
     k, o, sign = rail // 2, 1 - rail // 2, 1.0 - 2.0 * (rail % 2)
     gap, speed, faster = limits[k] - sign * p[k], sign * v[k], sign * a[k]
     if gap < -CLOSED_GAP_M and in_mouth(p[o], rail, half, ends):

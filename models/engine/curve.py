@@ -10,6 +10,7 @@ hardly more or less than what resists it creeps at a constant acceleration, too.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from models.analytic.cloth import (
     SLIDING,
     STILL_SPEED,
     STILL_SPIN,
+    ClothPhase,
     add_cloth,
     rolling_resistance,
 )
@@ -30,10 +32,7 @@ from models.effect import STILL
 from models.engine import columns as col
 from models.engine.dense import ERROR_WEIGHTS, STAGE_NODES, STAGE_WEIGHTS, smooth, straight_on
 from models.engine.motion import CURVE, GOES_ON, REST, SLIDE_ENDS, STOPS
-from models.hooks import (
-    call_hook,
-    call_horizon,
-)
+from models.hooks import call_hook, call_horizon
 from models.shot import GRAVITY, SESSION_FIELDS
 
 STEP_TOLERANCE_M = 3e-7  # error of a step, as an error of position at the end of the roll [m]
@@ -59,23 +58,32 @@ MAX_STEP_S = 2.0  # longest step [s]
 MIN_STEP_S = 1e-7  # step that is accepted whatever its error [s]
 
 
+class Room(NamedTuple):
+    """How far a step may go [s]."""
+
+    step: float  # its length, at most
+    left: float  # of the slide or the roll
+    until: float  # of the shot: errors count no longer
+
+
 @compiled_in_place
-def push(r, at, own, forces, support):  # type: ignore[no-untyped-def]
-    """Ask the effects what acts on the ball in record r, at address `at`, beside the cloth."""
+def push(r, forces):  # type: ignore[no-untyped-def]
+    """Ask the effects (`Forces`) what acts on the ball in record r beside the cloth."""
     r[rec.AX] = r[rec.AY] = r[rec.BX] = r[rec.BY] = r[rec.BZ] = r[rec.DRAG] = r[rec.ACROSS] = 0.0
     r[rec.SLIDE_FACTOR] = r[rec.ROLL_FACTOR] = r[rec.SPIN_FACTOR] = r[rec.WEIGHT] = 1.0
-    for k in range(forces.shape[0]):
-        if k == support and r[rec.WEIGHT] <= 0.0:
+    for k in range(forces.hooks.shape[0]):
+        if k == forces.support and r[rec.WEIGHT] <= 0.0:
             r[rec.ROLLING] = 0.0
-        call_hook(forces[k, 0], own + 8 * forces[k, 1], at)
+        call_hook(forces.hooks[k, 0], forces.own + 8 * forces.hooks[k, 1], r.ctypes.data)
 
 
 @compiled_in_place
-def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: ignore[no-untyped-def]
-    """Derivatives k[n] of the state y (STATE_SIZE,) of a ball; False where friction would have to turn round.
+def _rates(y, t, way, r, forces, cloth, rate):  # type: ignore[no-untyped-def]
+    """Derivatives `rate` of the state y, both (STATE_SIZE,), of a ball; False where friction would have to turn round.
 
-    `way`: directions at the beginning of the step, of slip and of velocity, and sidespin.
+    `way`: its `ClothPhase` at the beginning of the step.
     """
+    mode = way.mode
     radius, fine = r[rec.RADIUS], True
     ux = uy = u = vx = vy = speed = 0.0
     r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY], r[rec.WZ] = y[col.X], y[col.Y], y[col.VX], y[col.VY], y[col.WZ]
@@ -84,35 +92,35 @@ def _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, n):  # type: 
         r[rec.ROLLING] = 1.0
         r[rec.WX], r[rec.WY] = -y[col.VY] / radius, y[col.VX] / radius
         speed = math.sqrt(y[col.VX] * y[col.VX] + y[col.VY] * y[col.VY])
-        if y[col.VX] * way[2] + y[col.VY] * way[3] <= 0.0:
-            fine, vx, vy = False, way[2], way[3]
+        if y[col.VX] * way.x + y[col.VY] * way.y <= 0.0:
+            fine, vx, vy = False, way.x, way.y
         else:
             vx, vy = y[col.VX] / speed, y[col.VY] / speed
     else:
         r[rec.WX], r[rec.WY] = y[col.WX], y[col.WY]
         ux, uy = y[col.VX] - radius * y[col.WY], y[col.VY] + radius * y[col.WX]
     r[rec.SLIP_X], r[rec.SLIP_Y] = ux, uy
-    push(r, at, own, forces, support)
+    push(r, forces)
     if mode == SLIDING:
         u = math.sqrt(ux * ux + uy * uy)
-        if r[rec.WEIGHT] > 0.0 and ux * way[0] + uy * way[1] <= 0.0:
-            fine, ux, uy, u = False, way[0], way[1], 1.0
+        if r[rec.WEIGHT] > 0.0 and ux * way.slip_x + uy * way.slip_y <= 0.0:
+            fine, ux, uy, u = False, way.slip_x, way.slip_y, 1.0
         else:
             over = 1.0 / u if u > 0.0 else 0.0
             ux, uy = ux * over, uy * over
-    add_cloth(r, mode, u, ux, uy, vx, vy, way[4], cloth[0], cloth[1], cloth[2])
-    k[n, col.X], k[n, col.Y] = y[col.VX], y[col.VY]
-    k[n, col.VX], k[n, col.VY] = r[rec.AX], r[rec.AY]
-    k[n, col.WX], k[n, col.WY], k[n, col.WZ] = r[rec.BX], r[rec.BY], r[rec.BZ]
+    add_cloth(r, ClothPhase(mode, u, ux, uy, speed, vx, vy, way.spin), cloth)
+    rate[col.X], rate[col.Y] = y[col.VX], y[col.VY]
+    rate[col.VX], rate[col.VY] = r[rec.AX], r[rec.AY]
+    rate[col.WX], rate[col.WY], rate[col.WZ] = r[rec.BX], r[rec.BY], r[rec.BZ]
     if mode == RESTING:  # until it is next asked whether it sets off
-        k[n, col.X] = k[n, col.Y] = k[n, col.VX] = k[n, col.VY] = k[n, col.WX] = k[n, col.WY] = 0.0
-    k[n, col.TURN] = y[col.WZ]
-    k[n, col.ROLLED] = speed / radius
+        rate[col.X] = rate[col.Y] = rate[col.VX] = rate[col.VY] = rate[col.WX] = rate[col.WY] = 0.0
+    rate[col.TURN] = y[col.WZ]
+    rate[col.ROLLED] = speed / radius
     return fine
 
 
 @compiled_in_place
-def _sets_off(r, at, own, forces, support, roll):  # type: ignore[no-untyped-def]
+def _sets_off(r, forces, roll):  # type: ignore[no-untyped-def]
     """Whether a ball at rest rolls off and goes on to roll, and the unit vector along which it is pushed.
 
     What acts on it may depend on where it goes: a grain resists more one way, and a pull across the way turns it
@@ -120,7 +128,7 @@ def _sets_off(r, at, own, forces, support, roll):  # type: ignore[no-untyped-def
     """
     radius = r[rec.RADIUS]
     r[rec.VX] = r[rec.VY] = r[rec.WX] = r[rec.WY] = r[rec.SLIP_X] = r[rec.SLIP_Y] = r[rec.ROLLING] = 0.0
-    push(r, at, own, forces, support)
+    push(r, forces)
     px, py = 5.0 * r[rec.AX] + 2.0 * radius * r[rec.BY], 5.0 * r[rec.AY] - 2.0 * radius * r[rec.BX]
     force = math.sqrt(px * px + py * py)
     if force / 7.0 <= roll * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY:
@@ -128,21 +136,20 @@ def _sets_off(r, at, own, forces, support, roll):  # type: ignore[no-untyped-def
     nx, ny = px / force, py / force
     r[rec.VX], r[rec.VY] = 2.0 * STILL * nx, 2.0 * STILL * ny
     r[rec.WX], r[rec.WY], r[rec.ROLLING] = -r[rec.VY] / radius, r[rec.VX] / radius, 1.0
-    push(r, at, own, forces, support)
+    push(r, forces)
     px, py = 5.0 * r[rec.AX] + 2.0 * radius * r[rec.BY], 5.0 * r[rec.AY] - 2.0 * radius * r[rec.BX]
     pull, resistance = nx * py - ny * px, 7.0 * roll * r[rec.ROLL_FACTOR] * r[rec.WEIGHT] * GRAVITY
     return force * force > resistance * resistance + pull * pull, nx, ny
 
 
 @compiled_in_place
-def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):  # type: ignore[no-untyped-def]
+def curve(b, m, r, laws, until, work):  # type: ignore[no-untyped-def]
     """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
 
-    Errors count up to the time `until`; no step is longer than `most` [s], unless it is the last of a slide or a roll.
-    r (BALL_FIELDS,) at address `at` holds what stays constant; y (STATE_SIZE,), k (7, STATE_SIZE) are workspace.
+    Errors count up to the time `until`; no step is longer than MAX_STEP_S, unless it is the last of a slide or a roll.
+    r (BALL_FIELDS,) holds what stays constant; `laws`: `ShotLaws`; `work`: `CurveWork`.
     """
-    radius = r[rec.RADIUS]
-    now, way = b[col.CLOCK], (0.0, 0.0, 0.0, 0.0, 0.0)
+    radius, now, forces, cloth, (y, k) = r[rec.RADIUS], b[col.CLOCK], laws.forces, laws.cloth, work
     # What the ball does is decided with what the cloth carries of it.
     r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY], r[rec.TIME] = b[col.X], b[col.Y], b[col.VX], b[col.VY], now
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
@@ -151,7 +158,7 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLED], r[rec.ROLLING] = ux, uy, b[col.ROLLED], 0.0
     mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
     r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
-    push(r, at, own, forces, support)
+    push(r, forces)
     if r[rec.WEIGHT] <= 0.0:
         mode = SLIDING  # in flight
     elif mode != SLIDING:
@@ -162,7 +169,7 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
             b[col.VY] += 2.0 * STILL_SPEED * py / need
             mode = SLIDING
     if mode == RESTING or (mode == ROLLING and v <= STILL):
-        sets_off, nx, ny = _sets_off(r, at, own, forces, support, cloth[1])
+        sets_off, nx, ny = _sets_off(r, forces, cloth[1])
         if not sets_off:
             mode, b[col.VX], b[col.VY] = RESTING, 0.0, 0.0
         else:  # whichever way it has come, it goes where it is pushed
@@ -173,24 +180,24 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-    way = (ux * over, uy * over, b[col.VX] * per, b[col.VY] * per, b[col.WZ])
+    way = ClothPhase(mode, u, ux * over, uy * over, v, b[col.VX] * per, b[col.VY] * per, b[col.WZ])
     for x in range(col.STATE_SIZE):
         y[x] = b[x]
-    _rates(y, now, mode, way, r, at, own, forces, support, cloth, k, 0)
-    creeps = mode == ROLLING and _creep(b, way, v, r, cloth, k)
+    _rates(y, now, way, r, forces, cloth, k[0])
+    creeps = mode == ROLLING and _creep(b, way, r, cloth, k)
     if creeps:
-        way = (0.0, 0.0, b[col.VX] * per, b[col.VY] * per, b[col.WZ])
+        way = ClothPhase(mode, u, 0.0, 0.0, v, b[col.VX] * per, b[col.VY] * per, b[col.WZ])
     b[col.AX], b[col.AY], b[col.MODE], b[col.LAST] = k[0, col.VX], k[0, col.VY], mode, GOES_ON
-    h, left, straight = _room(b, mode, way, u, v, r, at, own, horizon, cloth, k)
+    h, left, straight = _room(b, way, r, laws, k)
     if mode == RESTING and b[col.WZ] == 0.0:
         b[col.AX] = b[col.AY] = b[col.BOUND] = 0.0
         b[col.END] = now + h if h < MAX_STEP_S else np.inf
         return REST
     if straight or creeps:
-        h = h if straight else min(h, most, SHORT_ROLL_S)
+        h = h if straight else min(h, MAX_STEP_S, SHORT_ROLL_S)
         straight_on(b, m, h, k)
     else:
-        h = _step(b, m, min(h, most), left, until - now, mode, way, r, at, own, forces, support, cloth, y, k)
+        h = _step(b, m, way, Room(min(h, MAX_STEP_S), left, until - now), r, laws, work)
     b[col.BEGIN], b[col.SPAN], b[col.END] = now, h, now + h
     most_x = most_y = 0.0
     for n in range(1, 5):
@@ -200,17 +207,17 @@ def curve(b, m, until, most, r, at, own, forces, support, horizon, cloth, y, k):
 
 
 @compiled_in_place
-def _creep(b, way, v, r, cloth, k):  # type: ignore[no-untyped-def]
+def _creep(b, way, r, cloth, k):  # type: ignore[no-untyped-def]
     """Whether a ball creeps: then it is turned to where it is pushed, and k[0] with it, at the speed v that it has.
 
     Its direction follows the push within v / resistance [s], sideways by less than STEP_TOLERANCE_M: steps would have
     to be as short, and be off by more than what drives or stops it.
     """
-    against = rolling_resistance(r, cloth[1])
+    against, v = rolling_resistance(r, cloth[1]), way.speed
     if v > CREEP_SPEED or against <= 0.0:
         return False
-    px, py = k[0, col.VX] + against * way[2], k[0, col.VY] + against * way[3]
-    force, along, across = math.sqrt(px * px + py * py), way[2] * px + way[3] * py, abs(way[2] * py - way[3] * px)
+    px, py = k[0, col.VX] + against * way.x, k[0, col.VY] + against * way.y
+    force, along, across = math.sqrt(px * px + py * py), way.x * px + way.y * py, abs(way.x * py - way.y * px)
     if abs(force - against) > CREEP_SHARE * against or along <= 0.0:
         return False
     if across > CREEP_SHARE * against or v * v * across > STEP_TOLERANCE_M * against * against:
@@ -224,22 +231,24 @@ def _creep(b, way, v, r, cloth, k):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no-untyped-def]
+def _room(b, way, r, laws, k):  # type: ignore[no-untyped-def]
     """How far a step may go: to the next switch, and to where the ball changes; what is left of its slide or roll [s].
 
     The third says whether it comes to that end, at its first acceleration; b[LAST] says what happens there.
     """
-    radius, h, left = r[rec.RADIUS], MAX_STEP_S, MAX_REMAINING_S
+    radius, h, left, horizon = r[rec.RADIUS], MAX_STEP_S, MAX_REMAINING_S, laws.horizon
+    mode, u, v = way.mode, way.slip, way.speed
     for n in range(horizon.shape[0]):
-        free = call_horizon(horizon[n, 0], own + 8 * horizon[n, 1], at)
+        free = call_horizon(horizon[n, 0], laws.forces.own + 8 * horizon[n, 1], r.ctypes.data)
         if free == free:
             h = min(h, max(free, MIN_STEP_S))
     if b[col.WZ] * k[0, col.WZ] < 0.0:
         h = min(h, -b[col.WZ] / k[0, col.WZ])
     short, spare, last = SHORT_ROLL_S, END_SHARE, STOPS
     if mode == SLIDING and r[rec.WEIGHT] > 0.0:
-        rate = -(way[0] * (k[0, col.VX] - radius * k[0, col.WY]) + way[1] * (k[0, col.VY] + radius * k[0, col.WX]))
-        full = 3.5 * cloth[0] * r[rec.WEIGHT] * GRAVITY * LAST_SLIP_S
+        slip_rate_x, slip_rate_y = k[0, col.VX] - radius * k[0, col.WY], k[0, col.VY] + radius * k[0, col.WX]
+        rate = -(way.slip_x * slip_rate_x + way.slip_y * slip_rate_y)
+        full = 3.5 * laws.cloth[0] * r[rec.WEIGHT] * GRAVITY * LAST_SLIP_S
         short, last = SHORT_SLIDE_S, SLIDE_ENDS
         if r[rec.SLIDE_FACTOR] != 1.0:
             short = SHORT_SOFT_SLIDE_S
@@ -248,10 +257,10 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
         if rate > 0.0:
             left = min(u / rate, MAX_REMAINING_S)
     elif mode == ROLLING:
-        rate = -(way[2] * k[0, col.VX] + way[3] * k[0, col.VY])
+        rate = -(way.x * k[0, col.VX] + way.y * k[0, col.VY])
         if rate > 0.0:
             left = min(v / rate, MAX_REMAINING_S)
-        across = abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX])
+        across = abs(way.x * k[0, col.VY] - way.y * k[0, col.VX])
         if across > rate:  # it is turned more than slowed: the end is not straight
             short, h = 0.0, min(h, max(LAST_TURN * v / across, MIN_STEP_S))
     if left > short:
@@ -263,12 +272,13 @@ def _room(b, mode, way, u, v, r, at, own, horizon, cloth, k):  # type: ignore[no
 
 
 @compiled_in_place
-def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y, k):  # type: ignore[no-untyped-def]
-    """A step of at most h whose error is small, from k[0] on: fills the polynomials m, returns its length.
+def _step(b, m, way, room, r, laws, work):  # type: ignore[no-untyped-def]
+    """A step within its `Room` whose error is small, from k[0] on: fills the polynomials m, returns its length.
 
     A push across the way turns a motion the faster the less of it is left: at a step h of what is `left` the error
     grows as the fourth power of h / (left - h), at first. That is what is asked of a step, and remembered in b[TRY].
     """
+    (h, left, until), mode, cloth, (y, k) = room, way.mode, laws.cloth, work
     radius, v = r[rec.RADIUS], math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
     slows = min(max(cloth[1] * GRAVITY, LEAST_DECELERATION), MIN_DECELERATION)
     lasts = min(until, v / slows)
@@ -281,12 +291,10 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
     share = b[col.TRY]
     if share == 0.0 and left < MAX_REMAINING_S:
         if mode == ROLLING:
-            across, far = abs(way[2] * k[0, col.VY] - way[3] * k[0, col.VX]), lasts
+            across, far = abs(way.x * k[0, col.VY] - way.y * k[0, col.VX]), lasts
         else:
-            across = abs(
-                way[0] * (k[0, col.VY] + radius * k[0, col.WX]) - way[1] * (k[0, col.VX] - radius * k[0, col.WY])
-            )
-            far = turns
+            slip_rate_x, slip_rate_y = k[0, col.VX] - radius * k[0, col.WY], k[0, col.VY] + radius * k[0, col.WX]
+            across, far = abs(way.slip_x * slip_rate_y - way.slip_y * slip_rate_x), turns
         turned = TURN_ERROR * across * left * far
         share = SAFETY_FACTOR * math.sqrt(math.sqrt(STEP_TOLERANCE_M / turned)) if turned > 0.0 else 0.0
     if share > 0.0:
@@ -300,7 +308,7 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
                     total += STAGE_WEIGHTS[stage, n] * k[n, x]
                 y[x] = b[x] + h * total
             t = b[col.CLOCK] + min(STAGE_NODES[stage] * h, max(h - LAST_STAGE_LEAD_S, 0.0))
-            if not _rates(y, t, mode, way, r, at, own, forces, support, cloth, k, stage + 1):
+            if not _rates(y, t, way, r, laws.forces, cloth, k[stage + 1]):
                 fine = False
                 break
         if not fine:
@@ -319,14 +327,14 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
         ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
         off = math.sqrt(ex * ex + ey * ey)
         error = off * lasts
-        error += early * abs(sx * way[0] + sy * way[1]) + turns * abs(sx * way[1] - sy * way[0])
+        error += early * abs(sx * way.slip_x + sy * way.slip_y) + turns * abs(sx * way.slip_y - sy * way.slip_x)
         error += SPIN_ERROR_S * radius * abs(wz)
         if mode == ROLLING:
             fastest = max(v, math.sqrt(y[col.VX] * y[col.VX] + y[col.VY] * y[col.VY]))
             error = max(error, STEP_TOLERANCE_M * off / (SPEED_ERROR * fastest))
         # Sidespin or rolling resistance that would pass through zero ends the step there.
         part = 1.0
-        if b[col.WZ] != 0.0 and way[4] * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN:
+        if b[col.WZ] != 0.0 and way.spin * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN:
             part = b[col.WZ] / (b[col.WZ] - y[col.WZ])
         if abs(resistance) > NO_RESISTANCE:
             after = rolling_resistance(r, cloth[1])
@@ -351,8 +359,8 @@ def _step(b, m, h, left, until, mode, way, r, at, own, forces, support, cloth, y
 
 
 @compiled_in_place
-def lay_record(r, number, launch, session, radius, mass):  # type: ignore[no-untyped-def]
+def lay_record(r, number, radius, laws):  # type: ignore[no-untyped-def]
     """What of a ball's record does not change along its way."""
-    r[rec.NUMBER], r[rec.LAUNCH], r[rec.RADIUS], r[rec.MASS] = number, launch, radius, mass
+    r[rec.NUMBER], r[rec.LAUNCH], r[rec.RADIUS], r[rec.MASS] = number, laws.launch, radius, laws.mass
     for k in range(SESSION_FIELDS):
-        r[rec.SESSION + k] = session[k]
+        r[rec.SESSION + k] = laws.session[k]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models import record as rec
 from models.analytic.events import DEAD_SPEED, in_mouth
-from models.analytic.pocket import JAW_RAILS, is_facing, outward
+from models.analytic.pocket import JAW_RAILS, is_facing
 from models.compiled import compiled, compiled_in_place
 from models.engine.motion import POTTED
+from models.engine.workspace import Contact
 from models.hooks import STROKE_FIELDS, Table, call_hook
 from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, Array
 
@@ -23,15 +23,14 @@ RAIL_OF_JAW = np.array(JAW_RAILS)
 
 
 @compiled_in_place
-def describe(h, cushion, i, j, one, two, nx, ny, radius, session, time):  # type: ignore[no-untyped-def]
-    """Fill the record h of an impact (ImpactState) of ball i with ball j, or with rail or jaw j.
-
-    `one`, `two`: their x, y, vx, vy, wx, wy, wz; the second is not read at a cushion. (nx, ny) points from the first
-    into the second.
-    """
+def describe(h, b, contact, radius, session, time):  # type: ignore[no-untyped-def]
+    """Fill the record h of an impact (ImpactState) at a `Contact`; rows of b begin with x, y, vx, vy, wx, wy, wz."""
+    i, j, rail, nx, ny = contact
+    cushion, one = j < 0, b[i]
     ux, uy, wx, wy, wz = one[2], one[3], one[4], one[5], one[6]
     c, s = NOSE_COSINE, NOSE_SINE
     if not cushion:
+        two = b[j]
         ux, uy, wx, wy, wz = ux - two[2], uy - two[3], wx + two[4], wy + two[5], wz + two[6]
         c, s = 1.0, 0.0
     approach = ux * nx + uy * ny
@@ -42,7 +41,7 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, session, time):  # type
     h[rec.APPROACH], h[rec.SLIP] = approach, math.sqrt(along * along + up * up)
     h[rec.HIT_X], h[rec.HIT_Y], h[rec.HIT_VX], h[rec.HIT_VY] = one[0], one[1], one[2], one[3]
     h[rec.HIT_WZ] = one[6]
-    h[rec.FIRST], h[rec.SECOND] = i, (RAIL_OF_JAW[j - 4] if cushion and j >= 4 else j)
+    h[rec.FIRST], h[rec.SECOND] = i, ((RAIL_OF_JAW[rail - 4] if rail >= 4 else rail) if cushion else j)
     h[rec.HIT_TIME] = time
     for k in range(SESSION_FIELDS):
         h[rec.HIT_SESSION + k] = session[k]
@@ -53,10 +52,13 @@ def describe(h, cushion, i, j, one, two, nx, ny, radius, session, time):  # type
 
 
 @compiled_in_place
-def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
-    """Let the effects say how the impact in record h, at address `at`, goes, within what the impact models hold for."""
+def ask(h, own, hooks):  # type: ignore[no-untyped-def]
+    """Let the effects say how the impact in record h goes, within what the impact models hold for.
+
+    `own`: address of their parameters; `hooks` (k, 2).
+    """
     for k in range(hooks.shape[0]):
-        call_hook(hooks[k, 0], own + 8 * hooks[k, 1], at)
+        call_hook(hooks[k, 0], own + 8 * hooks[k, 1], h.ctypes.data)
     h[rec.RESTITUTION] = min(max(h[rec.RESTITUTION], 0.0), 1.0)
     h[rec.FRICTION] = max(h[rec.FRICTION], 0.0)
     if h[rec.CUSHION_HIT] > 0.0:
@@ -69,35 +71,19 @@ def ask(h, at, own, hooks):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def ask_rows(
-    cushion: bool, p: Array, v: Array, w: Array, first: NDArray[np.int64], second: NDArray[np.int64], jaws: Array,
-    radius: float, session: Array, time: Array, own: Array, rows: NDArray[np.int64], hooks: Table, out: Array,
-) -> None:  # fmt: skip
-    """Impacts of one kind, a row each, as the effects say: `out` (n, IMPACT_FIELDS).
+def ask_neighbours(b: Array, radius: float, session: Array, own: Array, hooks: Table, out: Array) -> None:
+    """Touches of each ball with the next one, and of the last with the first, as the effects say.
 
-    p, v, w (n, nball, 3); ball `first` with ball, rail (+x, -x, +y, -y) or 4 + jaw `second`; `session`
-    (n, SESSION_FIELDS), `time` (n,);
-    `own` (nsim, k) are the effects' parameters, of which each impact has those of simulation `rows` (n,).
+    b (n, 7): place, velocity and spin; `session` (SESSION_FIELDS,); `own` (k,) parameters of the effects; `out`
+    (n, IMPACT_FIELDS).
     """
-    one, two = np.zeros(7), np.zeros(7)
-    for n in range(first.size):
-        i, j = first[n], second[n]
-        _gather(one, p[n, i], v[n, i], w[n, i])
-        if cushion:
-            nx, ny = outward(j, p[n, i, 0], p[n, i, 1], jaws)
-        else:
-            _gather(two, p[n, j], v[n, j], w[n, j])
-            nx, ny = two[0] - one[0], two[1] - one[1]
-            d = math.sqrt(nx * nx + ny * ny)
-            nx, ny = nx / d, ny / d
-        describe(out[n], cushion, i, j, one, two, nx, ny, radius, session[n], time[n])
-        ask(out[n], out[n].ctypes.data, own[rows[n]].ctypes.data, hooks)
-
-
-@compiled_in_place
-def _gather(one, p, v, w):  # type: ignore[no-untyped-def]
-    one[0], one[1], one[2], one[3] = p[0], p[1], v[0], v[1]
-    one[4], one[5], one[6] = w[0], w[1], w[2]
+    n = b.shape[0]
+    for i in range(n):
+        j = (i + 1) % n
+        nx, ny = b[j, 0] - b[i, 0], b[j, 1] - b[i, 1]
+        d = math.sqrt(nx * nx + ny * ny)
+        describe(out[i], b, Contact(i, j, 0, nx / d, ny / d), radius, session, 0.0)
+        ask(out[i], own.ctypes.data, hooks)
 
 
 @compiled_in_place
@@ -123,11 +109,10 @@ def strike_rows(own, hooks, radius, mass, struck, velocity, spin):  # type: igno
 
 
 @compiled_in_place
-def is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
-    """Whether a third body is within `near` [m] of those of an impact: balls i and j, or ball i and a rail (j < 0).
-
-    b (nball, 2 or more) begins with the balls' places; `kind` (nball,) says which are potted.
-    """
+def is_crowded(balls, pair, near, geometry):  # type: ignore[no-untyped-def]
+    """Whether a third body is within `near` [m] of the two of an impact."""
+    b, kind, (i, j, rail) = balls.rows, balls.kind, pair
+    radius, limits, half, mouths = geometry.radius, geometry.limits, geometry.half, geometry.mouths
     for one in (i, j):
         if one < 0:
             continue
@@ -146,8 +131,10 @@ def is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths):  # type
 
 
 @compiled_in_place
-def part(b, i, j, rail, jaws, radius, limits):  # type: ignore[no-untyped-def]
-    """Put bodies that overlap back to where they touch: balls i and j of b, or ball i and a rail or jaw (j < 0)."""
+def part(b, pair, geometry):  # type: ignore[no-untyped-def]
+    """Put the bodies of a `Pair` that overlap back to where they touch."""
+    i, j, rail = pair
+    radius, limits, jaws = geometry.radius, geometry.limits, geometry.jaws
     if j >= 0:
         x, y = b[j, 0] - b[i, 0], b[j, 1] - b[i, 1]
         d = math.sqrt(x * x + y * y)

@@ -27,8 +27,9 @@ BESIDE_M = 1e-4  # gap to a struck ball below which a held ball has to be checke
 
 
 @compiled_in_place
-def look_later(now, i, b, m, kind, leans, pair, again, radius):  # type: ignore[no-untyped-def]
+def look_later(balls, notes, i, now, radius):  # type: ignore[no-untyped-def]
     """Let ball i and others that lean on each other at no speed have no other look for a while."""
+    b, m, kind, leans, pair, again = balls.rows, balls.curves, balls.kind, notes.leans, notes.pair, notes.again
     later, touch = now + PRESSED_RECHECK_S, 2.0 * radius + CROWD_GAP_M
     x, y, vx, vy = place(b[i], m[i], kind[i], now)
     for j in range(b.shape[0]):
@@ -51,8 +52,9 @@ def lean(i, now, leans, still):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def release(b, held, touched, todo, still, now, radius):  # type: ignore[no-untyped-def]
+def release(b, notes, now, radius):  # type: ignore[no-untyped-def]
     """Let go of what is held and `touched`, or lies by what is: something that held it may be gone."""
+    held, touched, todo, still = notes.held, notes.touched, notes.todo, notes.still
     beside, more = 2.0 * radius + BESIDE_M, True
     while more:
         more = False

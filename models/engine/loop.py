@@ -23,153 +23,120 @@ import numpy as np
 
 from models import record as rec
 from models.analytic.events import DEAD_SPEED, LEAN_SPEED
+from models.analytic.geometry import TableGeometry
 from models.analytic.spring import CUSHION_TIME
 from models.compiled import compiled, compiled_in_place, compiled_within
 from models.engine import columns as col
 from models.engine.ahead import first_event, next_meetings, next_motions
-from models.engine.cluster import CROWD_GAP_M, through
+from models.engine.cluster import CROWD_GAP_M, note, through
 from models.engine.curve import lay_record
 from models.engine.impacts import deliver, is_crowded, part
 from models.engine.leaning import lean, release
-from models.engine.motion import POTTED, REST, advance, arrive, pot
+from models.engine.motion import POTTED, REST, advance, advance_all, arrive, pot
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
+from models.engine.workspace import Forces, Options, Pair, ShotLaws, ShotLog, workspace
 from models.hooks import STROKE_FIELDS
 
 ROW_SIZE = 8  # numbers of a ball at one time: place, velocity, spin, angle turned
 
 
 @compiled_in_place
-def _sample(b, m, kind, times, begin, until, radius, alpha, out, keep):  # type: ignore[no-untyped-def]
-    """Write the balls at all times from number `begin` up to a moment; returns the next number."""
-    while begin < times.size and times[begin] <= until:
+def _sample(balls, record, until, radius, alpha, keep):  # type: ignore[no-untyped-def]
+    """Write the balls at all times from the next sample on, up to a moment."""
+    b, m, kind, times, cursor = balls.rows, balls.curves, balls.kind, record.times, record.cursor
+    while cursor[0] < times.size and times[cursor[0]] <= until:
         for i in range(b.shape[0]):
-            o = out[begin, i]
+            o = record.out[cursor[0], i]
             if kind[i] == POTTED:
                 o[:] = np.nan
                 continue
             for x in range(col.COLUMN_COUNT):
                 keep[x] = b[i, x]
-            advance(b[i], m[i], kind[i], times[begin], radius, alpha)
+            advance(b[i], m[i], kind[i], times[cursor[0]], radius, alpha)
             for x in range(ROW_SIZE):
                 o[x] = b[i, x]
             for x in range(col.COLUMN_COUNT):
                 b[i, x] = keep[x]
-        begin += 1
-    return begin
-
-
-@compiled
-def workspace(n, curved):  # type: ignore[no-untyped-def]
-    """Arrays that shots of n balls are played in: of every ball, of every pair, and of one at a time."""
-    pairs = n * (n - 1) // 2
-    balls = (
-        np.zeros((n, col.COLUMN_COUNT)),
-        np.zeros((n, col.STATE_SIZE if curved else 1, col.TERM_COUNT)),
-        np.zeros((n, rec.BALL_FIELDS)),
-    )
-    known = (
-        np.zeros(n, np.int64),
-        np.zeros((n, 2), np.int64),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros((n, 2, 3)),
-        np.zeros((3, n), np.bool_),
-    )
-    one = (
-        np.zeros(10),
-        np.zeros(rec.IMPACT_FIELDS),
-        np.zeros(col.COLUMN_COUNT),
-        np.zeros(col.STATE_SIZE),
-        np.zeros((7, col.STATE_SIZE)),
-    )
-    return balls, known, (np.zeros(pairs), np.zeros(pairs, np.bool_)), one
+        cursor[0] += 1
 
 
 @compiled_within
-def _lay_balls(balls, notes, start, launch, session, mass, radius):  # type: ignore[no-untyped-def]
+def _lay_balls(work, start, stays, radius, laws):  # type: ignore[no-untyped-def]
     """Balls as they begin, all to be worked out; one without a place is potted."""
-    (b, _, records), (kind, _, leans, quiet, still, (todo, _, held)) = balls, notes
+    balls, notes, still = work.balls, work.notes, work.notes.still
+    b, kind = balls.rows, balls.kind
+    work.cursor[0] = work.cursor[1] = 0
     for i in range(b.shape[0]):
-        lay_record(records[i], i, launch, session, radius, mass)
+        lay_record(balls.records[i], i, radius, laws)
         for x in range(col.COLUMN_COUNT):
             b[i, x] = start[i, x] if x < ROW_SIZE else 0.0
-        kind[i], todo[i], leans[i], quiet[i] = REST, True, -np.inf, -np.inf
+        kind[i], balls.stays[i] = REST, stays[i]
+        notes.todo[i], notes.leans[i], notes.quiet[i], notes.held[i] = True, -np.inf, -np.inf, False
         if math.isnan(b[i, col.X]):
             kind[i] = POTTED
             b[i, col.END] = b[i, col.MEET] = np.inf
-        still[i, :, 0], still[i, :, 1], still[i, :, 2], held[i] = b[i, col.X], b[i, col.Y], 0.0, False
+        still[i, :, 0], still[i, :, 1], still[i, :, 2] = b[i, col.X], b[i, col.Y], 0.0
 
 
 @compiled_within
-def _in_crowd(  # type: ignore[no-untyped-def]
-    balls, kind, i, j, rail, speed, t, limits, half, mouths, radius, alpha
-):  # fmt: skip
+def _in_crowd(balls, pair, speed, now, geometry, laws):  # type: ignore[no-untyped-def]
     """Whether an impact has others so near that all go through springs; brings all balls to its time."""
-    b, m, _ = balls
-    for q in range(b.shape[0]):
-        advance(b[q], m[q], kind[q], t, radius, alpha)
-    near = max(CROWD_GAP_M, speed * CUSHION_TIME)
-    return is_crowded(b, kind, i, j, rail, near, radius, limits, half, mouths)
+    advance_all(balls, now, geometry.radius, laws.cloth[2])
+    return is_crowded(balls, pair, max(CROWD_GAP_M, speed * CUSHION_TIME), geometry)
 
 
 @compiled_within
-def _after_crowd(b, notes, now, radius):  # type: ignore[no-untyped-def]
+def _after_crowd(balls, notes, now, radius):  # type: ignore[no-untyped-def]
     """Have all balls worked out again that springs have moved, and what they held."""
-    _, _, _, _, still, (todo, touched, held) = notes
+    b = balls.rows
     for q in range(b.shape[0]):
         b[q, col.CLOCK] = now
-        touched[q] = b[q, col.VX] != 0.0 or b[q, col.VY] != 0.0
-        todo[q] = not held[q] or touched[q]
-    release(b, held, touched, todo, still, now, radius)
+        notes.touched[q] = b[q, col.VX] != 0.0 or b[q, col.VY] != 0.0
+        notes.todo[q] = not notes.held[q] or notes.touched[q]
+    release(b, notes, now, radius)
 
 
 @compiled_within
-def _after_impact(  # type: ignore[no-untyped-def]
-    balls, notes, i, j, rail, speed, slow, now, jaws, limits, radius, alpha
-):  # fmt: skip
+def _after_impact(work, pair, speed, slow, now, geometry, alpha):  # type: ignore[no-untyped-def]
     """Let go of what an impact has moved, and part what it has left pressed together."""
-    (b, m, _), (kind, _, _, _, still, (todo, touched, held)) = balls, notes
+    balls, notes, b, (i, j, _) = work.balls, work.notes, work.balls.rows, pair
     if speed >= DEAD_SPEED:
         for q in range(b.shape[0]):
-            touched[q] = q in (i, j)
-            if held[q]:
-                advance(b[q], m[q], kind[q], now, radius, alpha)
-        release(b, held, touched, todo, still, now, radius)
+            notes.touched[q] = q in (i, j)
+            if notes.held[q]:
+                advance(b[q], balls.curves[q], balls.kind[q], now, geometry.radius, alpha)
+        release(b, notes, now, geometry.radius)
     if slow:
-        part(b, i, j, rail, jaws, radius, limits)
+        part(b, pair, geometry)
     b[i, col.TRY] = 0.0
     if j >= 0:
         b[j, col.TRY] = 0.0
 
 
 @compiled_within
-def _settle_pressed(  # type: ignore[no-untyped-def]
-    balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now
-):  # fmt: skip
+def _settle_pressed(work, pair, geometry, laws, now):  # type: ignore[no-untyped-def]
     """Carry all through at once that press on each other; they lean from now on."""
-    (b, m, _), (kind, _, leans, quiet, still, (todo, touched, _)) = balls, notes
-    for q in range(b.shape[0]):
-        advance(b[q], m[q], kind[q], now, radius, cloth[2])
-    settle(
-        b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now
-    )
-    for q in range(b.shape[0]):
+    balls, notes, touched = work.balls, work.notes, work.notes.touched
+    advance_all(balls, now, geometry.radius, laws.cloth[2])
+    for q in range(touched.size):
+        touched[q] = q in (pair.i, pair.j)
+    settle(balls, touched, geometry, laws, work.impact, now)
+    for q in range(touched.size):
         if touched[q]:
-            todo[q], b[q, col.TRY], quiet[q] = True, 0.0, np.inf
-            lean(q, now, leans, still)
+            notes.todo[q], balls.rows[q, col.TRY], notes.quiet[q] = True, 0.0, np.inf
+            lean(q, now, notes.leans, notes.still)
 
 
 @compiled_within
-def _leave_rail(balls, notes, i, jaws, radius, alpha, limits, half, mouths, now):  # type: ignore[no-untyped-def]
+def _leave_rail(work, i, geometry, alpha, now):  # type: ignore[no-untyped-def]
     """Have a ball that has come to rest in a rail pushed out; all that it moves is worked out again."""
-    (b, m, _), (kind, _, _, _, _, (todo, touched, _)) = balls, notes
-    for q in range(b.shape[0]):
-        advance(b[q], m[q], kind[q], now, radius, alpha)
-    push_out(b, kind, i, touched, jaws, radius, limits, half, mouths)
-    for q in range(b.shape[0]):
-        todo[q] = todo[q] or touched[q]
+    notes = work.notes
+    advance_all(work.balls, now, geometry.radius, alpha)
+    push_out(work.balls, i, notes.touched, geometry)
+    for q in range(notes.todo.size):
+        notes.todo[q] = notes.todo[q] or notes.touched[q]
 
 
 @compiled_within
@@ -183,9 +150,9 @@ def _last_motion(b, kind, alpha):  # type: ignore[no-untyped-def]
 
 
 @compiled_within
-def _hand_back(balls, kind, now, radius, alpha, start, potted):  # type: ignore[no-untyped-def]
+def _hand_back(balls, now, radius, alpha, start, potted):  # type: ignore[no-untyped-def]
     """The balls at the end of the shot."""
-    b, m, _ = balls
+    b, m, kind = balls.rows, balls.curves, balls.kind
     for i in range(b.shape[0]):
         if kind[i] != POTTED:
             advance(b[i], m[i], kind[i], now, radius, alpha)
@@ -195,109 +162,96 @@ def _hand_back(balls, kind, now, radius, alpha, start, potted):  # type: ignore[
 
 
 @compiled_in_place
-def play_shot(  # type: ignore[no-untyped-def]
-    work, start, stays, launch, session, own, forces, support, horizon, impact, cloth, mass, radius, limits, half,
-    mouths, jaws, falls, clusters, until, most, times, out, log, who, count, potted,
-):  # fmt: skip
+def play_shot(work, start, stays, geometry, laws, options, record):  # type: ignore[no-untyped-def]
     """Play one shot from `start` (n, 8), which is left as it ends; returns when, nan where it was given up.
 
-    `own` is the address of the effects' parameters, `forces`, `horizon`, `impact` their hooks (models/hooks.py),
-    `cloth` friction of sliding and rolling, and deceleration of sidespin; a potted ball begins with nan for a place.
+    A potted ball begins with nan for a place; no pocket takes balls that `stays` (n,). `work`: a `Workspace`, the
+    others: a `TableGeometry`, `ShotLaws`, `Options` and a `ShotLog`.
     """
-    balls, notes, pairs, (state, hit, keep, y, k) = work
-    (b, m, records), (kind, what, leans, _, still, (todo, _, _)), (pair, again) = balls, notes, pairs
-    alpha, curved = cloth[2], forces.shape[0] > 0
-    _lay_balls(balls, notes, start, launch, session, mass, radius)
+    balls, notes, radius, alpha, until = work.balls, work.notes, geometry.radius, laws.cloth[2], options.until
+    b, m, kind, what, leans, todo = balls.rows, balls.curves, balls.kind, notes.what, notes.leans, notes.todo
+    _lay_balls(work, start, stays, radius, laws)
     # Counters begin as numbers that the compiler does not know: it would compile what they go into for each literal.
     zero = 0 * start.shape[0]
-    next_, logged, now, ended = zero, zero, 0.0, np.nan
-    for done in range(most + 1):
-        next_motions(balls, notes, now, until, curved, own, forces, support, horizon, cloth, radius, y, k)
-        i = stopped_in_rail(b, kind, todo, jaws, limits, half, mouths) if now > 0.0 else zero - 1
+    now, ended = 0.0, np.nan
+    for done in range(options.most + 1):
+        next_motions(work, radius, laws, now, until)
+        i = stopped_in_rail(balls, todo, geometry) if now > 0.0 else zero - 1
         if i >= 0:
-            _leave_rail(balls, notes, i, jaws, radius, alpha, limits, half, mouths, now)
+            _leave_rail(work, i, geometry, alpha, now)
             continue
-        next_meetings(balls, notes, pairs, stays, now, until, limits, half, mouths, jaws, falls, radius, zero)
-        t, event, i, j = first_event(b, what, pair, zero)
+        next_meetings(work, geometry, now, until, zero)
+        t, event, i, j = first_event(b, what, notes.pair, zero)
         if t > until or t == np.inf:
             ended = until
             break
-        if done == most:
+        if done == options.most:
             break
-        next_ = _sample(b, m, kind, times, next_, t, radius, alpha, out, keep)
+        _sample(balls, record, t, radius, alpha, work.keep)
         now, pressed = t, False
         advance(b[i], m[i], kind[i], t, radius, alpha)
         todo[i] = True
         if event == BALL:
             advance(b[j], m[j], kind[j], t, radius, alpha)
             todo[j] = True
-            if again[j * (j - 1) // 2 + i]:
+            if notes.again[j * (j - 1) // 2 + i]:
                 event, pressed = SWITCH, True
+        pair = Pair(i, j, what[i, 1] if event == CUSHION else zero - 1)
         if event in (BALL, CUSHION):
-            rail = what[i, 1] if event == CUSHION else zero - 1
-            speed = approach_speed(b, i, j, rail, jaws)
+            speed = approach_speed(b, pair, geometry.jaws)
             if (
-                clusters and rail < 4 and speed >= LEAN_SPEED
-                and _in_crowd(balls, kind, i, j, rail, speed, t, limits, half, mouths, radius, alpha)
+                options.clusters and pair.rail < 4 and speed >= LEAN_SPEED
+                and _in_crowd(balls, pair, speed, t, geometry, laws)
             ):  # fmt: skip
-                count[SWITCH] += 1
-                now, next_, logged = through(
-                    b, kind, stays, now, until, records, own, forces, support, impact, cloth, mass, radius, limits,
-                    half, mouths, jaws, session, hit, times, next_, out, log, who, logged, count,
-                )  # fmt: skip
-                _after_crowd(b, notes, now, radius)
+                record.counts[SWITCH] += 1
+                now = through(balls, now, until, geometry, laws, record, work.impact.hit)
+                _after_crowd(balls, notes, now, radius)
                 continue
             known = leans[i] > now or (j >= 0 and leans[j] > now)
-            slow = collide_alone(b, i, j, rail, jaws, state, hit, known, own, impact, cloth, mass, radius, session, now)
+            slow = collide_alone(b, pair, known, geometry, laws, work.impact, now)
             if not slow:
-                delay_rebound(b[i], b[i, col.VX :], rail, hit[rec.CONTACT_TIME], cloth[0], radius, half, mouths)
-            _after_impact(balls, notes, i, j, rail, speed, slow, now, jaws, limits, radius, alpha)
+                stays_in = work.impact.hit[rec.CONTACT_TIME]
+                delay_rebound(b[i], b[i, col.VX :], pair.rail, stays_in, laws.cloth[0], geometry)
+            _after_impact(work, pair, speed, slow, now, geometry, alpha)
             pressed = slow
             if slow and known:
                 event = SWITCH
         elif event == SWITCH and t == b[i, col.END]:
             arrive(b[i], kind[i], radius)
         elif event == SWITCH:  # pressed to something, and looked at again
-            lean(i, now, leans, still)
+            lean(i, now, leans, notes.still)
         if pressed:
-            _settle_pressed(
-                balls, notes, i, j, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session,
-                now,
-            )  # fmt: skip
-        count[event] += 1
+            _settle_pressed(work, pair, geometry, laws, now)
+        record.counts[event] += 1
         if event == POCKET:
             pot(b, kind, i)
         if event != SWITCH:
-            if logged < log.size:
-                log[logged] = t
-                who[logged, 0], who[logged, 1] = event, i
-                who[logged, 2] = j if event == BALL else what[i, 1]
-            logged += 1
+            note(record, t, event, i, j if event == BALL else what[i, 1])
     if ended == ended:
-        _sample(b, m, kind, times, next_, until, radius, alpha, out, keep)
+        _sample(balls, record, until, radius, alpha, work.keep)
         now = ended = _last_motion(b, kind, alpha) if until == np.inf else until
-    _hand_back(balls, kind, now, radius, alpha, start, potted)
+    _hand_back(balls, now, radius, alpha, start, record.potted)
     return ended
 
 
 @compiled
-def play_rows(  # type: ignore[no-untyped-def]
-    first, last, start, stays, struck, session, own, forces, support, horizon, impact, strike, cloth, mass, radius,
-    limits, half, mouths, jaws, falls, clusters, until, most, times, out, log, who, count, end, potted,
-):  # fmt: skip
-    """Play shots number `first` to `last`: `start` (n, nball, 8) in and out, `times` (n, m), `out` (n, m, nball, 8).
+def play_rows(first, last, game, shots, record, most, clusters):  # type: ignore[no-untyped-def]
+    """Play shots number `first` to `last`: a `Game`, `ShotRows` and `LogRows` of models/engine/play.py.
 
-    `radius` (n,), `limits` (n, 2) and `half` (n, 2) are those of each shot's balls and table.
+    Each is given up after `most` events; `clusters` as in `Options`.
     """
-    cue, work = np.zeros(STROKE_FIELDS), workspace(start.shape[1], forces.shape[0] > 0)
+    hooks, cloth, pockets, limits, half, mass, radius = game
+    start, stays, struck, session, until, times = shots
+    out, log, who, count, potted, end = record
+    cue, work = np.zeros(STROKE_FIELDS), workspace(start.shape[1], hooks.forces.shape[0] > 0)
     for s in range(first, last):
-        at = own[s].ctypes.data
+        at = hooks.own[s].ctypes.data
         launch = 0.0
         if struck[s]:
             b = start[s, 0]
-            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, strike, radius[s], mass, cue)
-        end[s] = play_shot(
-            work, start[s], stays[s], launch, session[s], at, forces, support, horizon, impact, cloth[s], mass,
-            radius[s], limits[s], half[s], mouths, jaws, falls, clusters, until[s], most, times[s], out[s],
-            log[s], who[s], count[s], potted[s],
-        )  # fmt: skip
+            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, hooks.strike, radius[s], mass, cue)
+        geometry = TableGeometry(radius[s], limits[s], half[s], pockets.ends, pockets.jaws, pockets.falls)
+        forces = Forces(at, hooks.forces, hooks.support)
+        laws = ShotLaws(forces, hooks.horizon, hooks.impact, cloth[s], mass, session[s], launch)
+        written = ShotLog(times[s], out[s], log[s], who[s], count[s], potted[s], work.cursor)
+        end[s] = play_shot(work, start[s], stays[s], geometry, laws, Options(until[s], most, clusters), written)

@@ -50,6 +50,13 @@ def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def advance_all(balls, t, radius, alpha):  # type: ignore[no-untyped-def]
+    """Carry all balls of a shot to time t."""
+    for i in range(balls.kind.size):
+        advance(balls.rows[i], balls.curves[i], balls.kind[i], t, radius, alpha)
+
+
+@compiled_in_place
 def _follow(b, m, s, radius):  # type: ignore[no-untyped-def]
     """The state at part s of a curve."""
     for k in range(col.STATE_SIZE):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -11,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,8 +77,7 @@ def over_threads(work: Callable[[int, int], object], count: int, threads: int = 
         done.result()
 
 
-@dataclass(frozen=True)
-class Game:
+class Game(NamedTuple):
     """A model laid out for a number of shots."""
 
     hooks: Hooks
@@ -127,7 +125,30 @@ def _game(model: Model, hooks: Hooks, cloth: Array, sizes: Array, jaws: bool) ->
     played = model.as_played() if jaws else model
     pockets = pockets_of(played.table, played.ball) if jaws else Pockets(model.table.mouths(), NO_ARCS, NO_ARCS)
     half, radius = sizes[:, :2] / 2, sizes[:, 2] / 2
-    return Game(hooks, cloth, pockets, half - NOSE_COSINE * radius[:, None], half, model.ball.mass, radius)
+    limits = half - NOSE_COSINE * radius[:, None]
+    return Game(hooks, cloth, pockets, limits, half, float(model.ball.mass), radius)
+
+
+class ShotRows(NamedTuple):
+    """Shots of one number of balls, laid out."""
+
+    start: Array  # (n, nball, 8) place, velocity, spin, angle turned; left as they end
+    stays: NDArray[np.bool_]  # (n, nball) balls that no pocket takes
+    struck: NDArray[np.bool_]  # (n,) by a cue, or in motion from the start
+    session: Array  # (n, SESSION_FIELDS)
+    until: Array  # (n,) [s]
+    times: Array  # (n, m) of samples [s]
+
+
+class LogRows(NamedTuple):
+    """What is written of shots."""
+
+    out: Array  # (n, m, nball, 8) samples
+    event_time: Array  # as in `Result`
+    event: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    potted: NDArray[np.bool_]
+    time: Array
 
 
 class Layout:
@@ -177,7 +198,7 @@ class Layout:
             some = [e for e, here in zip(self.effects, on, strict=True) if here]
             begins = [int(b) for b, here in zip(self.begins, on, strict=False) if here]
             self.hooks[on] = hooks_of(some, 1, begins)
-        return _game(self.model, dataclasses.replace(self.hooks[on], own=own), rows["cloth"], rows["sizes"], False)
+        return _game(self.model, self.hooks[on]._replace(own=own), rows["cloth"], rows["sizes"], False)
 
 
 @dataclass(frozen=True)
@@ -196,26 +217,24 @@ class Result:
 
 
 def run(
-    game: Game, start: Array, stays: NDArray[np.bool_], struck: NDArray[np.bool_], session: Array, until: Array,
-    times: Array, events: int, threads: int, most: int, clusters: bool,
+    game: Game, shots: ShotRows, events: int, threads: int, most: int, clusters: bool
 ) -> tuple[Result, Array]:  # fmt: skip
-    """Play laid-out shots from `start` (n, nball, 8), which is left as they end; samples (n, m, nball, 8)."""
-    n, nball = start.shape[:2]
-    out, end = np.empty((n, times.shape[1], nball, ROW_SIZE)), np.zeros(n)
-    log, who, count = np.full((n, events), np.inf), np.full((n, events, 3), -1), np.zeros((n, 4), np.int64)
-    potted, hooks, pockets = np.zeros((n, nball), np.bool_), game.hooks, game.pockets
+    """Play laid-out shots, logging so many events of each; samples (n, m, nball, 8)."""
+    start, (n, nball) = shots.start, shots.start.shape[:2]
+    record = LogRows(
+        np.empty((n, shots.times.shape[1], nball, ROW_SIZE)), np.full((n, events), np.inf),
+        np.full((n, events, 3), -1), np.zeros((n, 4), np.int64), np.zeros((n, nball), np.bool_), np.zeros(n),
+    )  # fmt: skip
 
     def part(first: int, last: int) -> None:
-        out[first:last] = np.nan
-        play_rows(
-            first, last, start, stays, struck, session, hooks.own, hooks.forces, hooks.support, hooks.horizon,
-            hooks.impact, hooks.strike, game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends,
-            pockets.jaws, pockets.falls, clusters, until, most, times, out, log, who, count, end, potted,
-        )  # fmt: skip
+        record.out[first:last] = np.nan
+        play_rows(first, last, game, shots, record, most, clusters)
 
     over_threads(part, n, threads)
+    end = record.time
     if most >= MAX_EVENTS and np.isnan(end).any():
         raise RuntimeError(f"shot {int(np.flatnonzero(np.isnan(end))[0])} has not come to its end after {most} events")
+    out, log, who, count, potted, _ = record
     return Result(start[..., :2], start[..., 2:4], start[..., 4:7], potted, end, count, log, who), out
 
 
@@ -256,7 +275,8 @@ def finish(
     start = np.concatenate([p, v, w, np.zeros((n, nball, 1))], axis=2)
     stays, struck = np.zeros((n, nball), np.bool_), np.ones(n, np.bool_)
     session, times = np.zeros((n, SESSION_FIELDS)), np.zeros((n, 0))
-    return run(game, start, stays, struck, session, end, times, events, threads, most, clusters)[0]
+    shots = ShotRows(start, stays, struck, session, end, times)
+    return run(game, shots, events, threads, most, clusters)[0]
 
 
 def play(
@@ -281,9 +301,8 @@ def play(
         end = np.array([s.times[-1] if len(s.times) else 0.0 for s in some])
         room = LOG_ROOM
         while True:
-            result, out = run(
-                game, start.copy(), stays, struck, session, end, times, room, threads, MAX_EVENTS, clusters
-            )
+            rows = ShotRows(start.copy(), stays, struck, session, end, times)
+            result, out = run(game, rows, room, threads, MAX_EVENTS, clusters)
             most = int(result.counts[:, :3].sum(axis=1).max(initial=0))
             if most <= room:
                 break

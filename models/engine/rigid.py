@@ -16,13 +16,14 @@ from models import record as rec
 from models.analytic.cloth import LAST_SLIP_S
 from models.analytic.coulomb import MIN_STEPS
 from models.analytic.events import DEAD_SPEED, LEAN_SPEED
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.analytic.pocket import outward
 from models.compiled import compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, rail_gap
 from models.engine.impacts import ask, describe, part
 from models.engine.motion import POTTED
+from models.engine.workspace import Contact, Pair
 from models.shot import GRAVITY
 
 MAX_SWEEPS = 20  # largest number of sweeps over bodies that press on each other; the next check treats the rest
@@ -31,30 +32,34 @@ PARTED_M = 1e-7  # overlap that may remain between them, for instance after a co
 
 
 @compiled_in_place
-def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, mass, radius, session, now):  # type: ignore[no-untyped-def]
-    """Carry two balls, or one and a cushion (j < 0), through their impact by its impulse; returns whether they lean."""
+def collide_alone(b, pair, leans, geometry, laws, work, now):  # type: ignore[no-untyped-def]
+    """Carry the bodies of a `Pair` through their impact by its impulse; returns whether they lean from now on.
+
+    `leans`: whether they have leant before; `work`: an `ImpactWork`, whose record is that of the impact afterwards.
+    """
+    (i, j, rail), (state, hit), radius = pair, work, geometry.radius
     if j < 0:
-        bx, by = outward(rail, b[i, col.X], b[i, col.Y], jaws)
+        bx, by = outward(rail, b[i, col.X], b[i, col.Y], geometry.jaws)
         ax, ay = by, -bx
-        describe(hit, True, i, rail, b[i], b[i], bx, by, radius, session, now)
+        describe(hit, b, Contact(i, j, rail, bx, by), radius, laws.session, now)
     else:
         ax, ay = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
         d = math.sqrt(ax * ax + ay * ay)
         ax, ay = ax / d, ay / d
         bx, by = -ay, ax
-        describe(hit, False, i, j, b[i], b[j], ax, ay, radius, session, now)
-    ask(hit, hit.ctypes.data, own, impact)
+        describe(hit, b, Contact(i, j, rail, ax, ay), radius, laws.session, now)
+    ask(hit, laws.forces.own, laws.impact)
     slow = hit[rec.APPROACH] < (LEAN_SPEED if leans else DEAD_SPEED)
     for n in range(1 if j < 0 else 2):
         q, o = b[i] if n == 0 else b[j], 5 * n
         state[o], state[o + 1] = q[col.VX] * ax + q[col.VY] * ay, q[col.VX] * bx + q[col.VY] * by
         state[o + 2], state[o + 3] = q[col.WX] * ax + q[col.WY] * ay, q[col.WX] * bx + q[col.WY] * by
         state[o + 4] = q[col.WZ]
-    collide(
-        j < 0, state, 0.0 if slow else hit[rec.RESTITUTION], (hit[rec.FRICTION], cloth[0], mass, radius), MIN_STEPS,
-        hit[rec.GAIN], hit[rec.DECAY], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND], hit[rec.NOSE],
-        hit[rec.COMPLIANCE], hit[rec.SINK],
+    law = ImpactLaw(
+        0.0 if slow else hit[rec.RESTITUTION], hit[rec.FRICTION], laws.cloth[0], hit[rec.GAIN], hit[rec.DECAY],
+        hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND], hit[rec.NOSE], hit[rec.COMPLIANCE], hit[rec.SINK],
     )  # fmt: skip
+    collide(j < 0, state, law, radius, MIN_STEPS)
     for n in range(1 if j < 0 else 2):
         q, o = b[i] if n == 0 else b[j], 5 * n
         q[col.VX], q[col.VY] = state[o] * ax + state[o + 1] * bx, state[o] * ay + state[o + 1] * by
@@ -64,8 +69,9 @@ def collide_alone(b, i, j, rail, jaws, state, hit, leans, own, impact, cloth, ma
 
 
 @compiled_in_place
-def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
-    """How fast two balls, or one and a cushion (j < 0), come together [m/s]."""
+def approach_speed(b, pair, jaws):  # type: ignore[no-untyped-def]
+    """How fast the bodies of a `Pair` come together [m/s]."""
+    i, j, rail = pair
     if j < 0:
         x, y = outward(rail, b[i, col.X], b[i, col.Y], jaws)
         return b[i, col.VX] * x + b[i, col.VY] * y
@@ -74,10 +80,9 @@ def approach_speed(b, i, j, rail, jaws):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _sweep(  # type: ignore[no-untyped-def]
-    b, kind, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now,
-):  # fmt: skip
+def _sweep(balls, touched, geometry, laws, work, now):  # type: ignore[no-untyped-def]
     """Carry what closes slowly on a `touched` ball through an impact, one after the other; the fastest [m/s]."""
+    b, kind, jaws, radius = balls.rows, balls.kind, geometry.jaws, geometry.radius
     most, none, touch = 0.0, -1 + 0 * b.shape[0], 2.0 * radius + CROWD_GAP_M
     for p in range(b.shape[0]):
         if kind[p] == POTTED:
@@ -88,21 +93,23 @@ def _sweep(  # type: ignore[no-untyped-def]
             x, y = b[p, col.X] - b[q, col.X], b[p, col.Y] - b[q, col.Y]
             if x * x + y * y > touch * touch:
                 continue
-            speed = approach_speed(b, q, p, none, jaws)
+            pair = Pair(q, p, none)
+            speed = approach_speed(b, pair, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
-                collide_alone(b, q, p, none, jaws, state, hit, True, own, impact, cloth, mass, radius, session, now)
+                collide_alone(b, pair, True, geometry, laws, work, now)
                 touched[p] = touched[q] = True
                 most = max(most, speed)
         if not touched[p]:
             continue
         for rail in range(4 + jaws.shape[0]):
-            if rail_gap(b[p], rail, jaws, limits, half, mouths) > CROWD_GAP_M:
+            if rail_gap(b[p], rail, geometry) > CROWD_GAP_M:
                 continue
-            speed = approach_speed(b, p, none, rail, jaws)
+            pair = Pair(p, none, rail)
+            speed = approach_speed(b, pair, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
-                collide_alone(b, p, none, rail, jaws, state, hit, True, own, impact, cloth, mass, radius, session, now)
+                collide_alone(b, pair, True, geometry, laws, work, now)
                 most = max(most, speed)
-    return max(most, _roll(b, touched, cloth, radius))
+    return max(most, _roll(b, touched, laws.cloth, radius))
 
 
 @compiled_in_place
@@ -128,11 +135,12 @@ def _roll(b, touched, cloth, radius):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _part_once(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+def _part_once(balls, touched, geometry):  # type: ignore[no-untyped-def]
     """Put back to where it touches what overlaps a `touched` ball, one after the other; the deepest overlap [m].
 
     A ball that is put back, and overlaps by more than PARTED_M, is touched, too: in a chain only one pair is looked at.
     """
+    b, kind, radius = balls.rows, balls.kind, geometry.radius
     most, none = 0.0, -1 + 0 * b.shape[0]
     for p in range(b.shape[0]):
         if kind[p] == POTTED:
@@ -143,39 +151,32 @@ def _part_once(b, kind, touched, jaws, radius, limits, half, mouths):  # type: i
                 continue
             over = 2.0 * radius - math.sqrt(x * x + y * y)
             if over > PARTED_M or (touched[p] and touched[q]):
-                part(b, q, p, none, jaws, radius, limits)
+                part(b, Pair(q, p, none), geometry)
                 touched[p] = touched[q] = True
                 most = max(most, over)
-        for rail in range(4 + jaws.shape[0] if touched[p] else 0):
-            gap = rail_gap(b[p], rail, jaws, limits, half, mouths)
+        for rail in range(4 + geometry.jaws.shape[0] if touched[p] else 0):
+            gap = rail_gap(b[p], rail, geometry)
             if gap < 0.0:
                 most = max(most, -gap)
-                part(b, p, none, rail, jaws, radius, limits)
+                part(b, Pair(p, none, rail), geometry)
     return most
 
 
 @compiled_in_place
-def part_all(b, kind, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+def part_all(balls, touched, geometry):  # type: ignore[no-untyped-def]
     """Put back what overlaps a `touched` ball (n,), and what overlaps then, which becomes touched."""
     for _ in range(MAX_SWEEPS):
-        if _part_once(b, kind, touched, jaws, radius, limits, half, mouths) <= PARTED_M:
+        if _part_once(balls, touched, geometry) <= PARTED_M:
             break
 
 
 @compiled_in_place
-def settle(  # type: ignore[no-untyped-def]
-    b, kind, i, j, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now,
-):  # fmt: skip
-    """Let nothing close that presses on ball i or j (j < 0: a cushion), or on what they press on: fills `touched` (n,).
+def settle(balls, touched, geometry, laws, work, now):  # type: ignore[no-untyped-def]
+    """Let nothing close that presses on a `touched` ball (n,), or on what those press on: they become touched.
 
     All balls are at one time. What overlaps is put back to where it touches.
     """
-    for q in range(b.shape[0]):
-        touched[q] = q in (i, j)
     for _ in range(MAX_SWEEPS):
-        most = _sweep(
-            b, kind, touched, jaws, state, hit, own, impact, cloth, mass, radius, limits, half, mouths, session, now
-        )
-        if most == 0.0:
+        if _sweep(balls, touched, geometry, laws, work, now) == 0.0:
             break
-    part_all(b, kind, touched, jaws, radius, limits, half, mouths)
+    part_all(balls, touched, geometry)

@@ -21,7 +21,7 @@ MAX_SLOWED = 0.4  # largest part of its speed out of a rail that sliding frictio
 
 
 @compiled_in_place
-def delay_rebound(p, v, rail, time, slide, radius, half, mouths):  # type: ignore[no-untyped-def]
+def delay_rebound(p, v, rail, time, slide, geometry):  # type: ignore[no-untyped-def]
     """Put a ball, place p and velocity v after its impact, as deep into a rail as it comes out within a `time` [s].
 
     On its way out sliding friction `slide` slows it; it comes out in any case. Within a diameter of a mouth, where the
@@ -30,6 +30,7 @@ def delay_rebound(p, v, rail, time, slide, radius, half, mouths):  # type: ignor
     """
     if not 0 <= rail < 4 or time <= 0.0:
         return
+    radius, half, mouths = geometry.radius, geometry.half, geometry.mouths
     k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
     slowing, speed = slide * GRAVITY, max(-sign * v[k], 0.0)
     time = min(time, MAX_SLOWED * speed / slowing) if slowing > 0.0 else time
@@ -44,19 +45,19 @@ def delay_rebound(p, v, rail, time, slide, radius, half, mouths):  # type: ignor
 
 
 @compiled_in_place
-def stopped_in_rail(b, kind, moved, jaws, limits, half, mouths):  # type: ignore[no-untyped-def]
+def stopped_in_rail(balls, moved, geometry):  # type: ignore[no-untyped-def]
     """The first ball of those that have `moved` (n,) that has come to rest in a rail, or -1."""
-    for i in range(b.shape[0]):
-        if moved[i] and kind[i] == REST:
+    for i in range(balls.kind.size):
+        if moved[i] and balls.kind[i] == REST:
             for rail in range(4):
-                if rail_gap(b[i], rail, jaws, limits, half, mouths) < -INSIDE_M:
+                if rail_gap(balls.rows[i], rail, geometry) < -INSIDE_M:
                     return i
     return -1
 
 
 @compiled_in_place
-def push_out(b, kind, i, touched, jaws, radius, limits, half, mouths):  # type: ignore[no-untyped-def]
+def push_out(balls, i, touched, geometry):  # type: ignore[no-untyped-def]
     """Move a ball out of the rails, and balls in its way likewise; fills `touched` (n,), the balls that moved."""
-    for q in range(b.shape[0]):
+    for q in range(touched.size):
         touched[q] = q == i
-    part_all(b, kind, touched, jaws, radius, limits, half, mouths)
+    part_all(balls, touched, geometry)

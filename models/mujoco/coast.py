@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from models import record as rec
-from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, STILL_SPIN, add_cloth
+from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, STILL_SPIN, ClothPhase, add_cloth
 from models.compiled import compiled_in_place
 from models.effect import STILL as NATIVE_SLIP
 from models.engine import columns as col
@@ -18,26 +18,29 @@ MAX_PHASES: Final = 6  # of a step: the ends of a slide, of a roll, of sidespin,
 
 
 @compiled_in_place
-def _look(r, where, own, forces, support, cloth, mode, vx, vy, wx, wy, wz):  # type: ignore[no-untyped-def]
-    """Let cloth and effects act on a ball of this velocity and spin: the record's AX to BZ."""
+def _look(r, forces, cloth, mode, velocity, spin):  # type: ignore[no-untyped-def]
+    """Let cloth and effects act on a ball of this velocity (2) and spin (3): the record's AX to BZ."""
+    (vx, vy), (wx, wy, wz) = velocity, spin
     ux, uy = vx - r[rec.RADIUS] * wy, vy + r[rec.RADIUS] * wx
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
     r[rec.VX], r[rec.VY], r[rec.WX], r[rec.WY], r[rec.WZ] = vx, vy, wx, wy, wz
     r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLING] = ux, uy, (1.0 if mode == ROLLING else 0.0)
-    push(r, where, own, forces, support)
+    push(r, forces)
     if mode == NATIVE:
         return
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
-    add_cloth(r, mode, u, ux * over, uy * over, vx * per, vy * per, wz, cloth[0], cloth[1], cloth[2])
+    add_cloth(r, ClothPhase(mode, u, ux * over, uy * over, v, vx * per, vy * per, wz), cloth)
 
 
 @compiled_in_place
-def coast(r, where, b, own, forces, support, horizon, cloth, native, h, dv):  # type: ignore[no-untyped-def]
+def coast(r, b, laws, native, h, dv):  # type: ignore[no-untyped-def]
     """What cloth and effects change of one ball's velocity and spin within h, into dv (5,); returns whether it rolls.
 
-    `native`: whether the cloth is MuJoCo's own contact. Where effects push, they are looked at in the middle again.
+    r (BALL_FIELDS,) is its record, b its row, `laws` are `ShotLaws`. `native`: whether the cloth is MuJoCo's own
+    contact. Where effects push, they are looked at in the middle again.
     """
-    radius, looks = r[rec.RADIUS], 2 if forces.shape[0] > 0 else 1
+    forces, horizon, cloth = laws.forces, laws.horizon, laws.cloth
+    radius, looks = r[rec.RADIUS], 2 if forces.hooks.shape[0] > 0 else 1
     vx, vy, wx, wy, wz = b[col.VX], b[col.VY], b[col.WX], b[col.WY], b[col.WZ]
     rolls, left = False, h
     for _ in range(MAX_PHASES):
@@ -52,12 +55,11 @@ def coast(r, where, b, own, forces, support, horizon, cloth, native, h, dv):  # 
         span, slides, stops, spins = 0.0, False, False, False
         for _ in range(looks):
             f = 0.5 * span  # at the beginning, then in the middle
-            _look(r, where, own, forces, support, cloth, mode, vx + f * ax, vy + f * ay, wx + f * bx, wy + f * by,
-                  wz + f * bz)  # fmt: skip
+            _look(r, forces, cloth, mode, (vx + f * ax, vy + f * ay), (wx + f * bx, wy + f * by, wz + f * bz))
             ax, ay, bx, by, bz = r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY], r[rec.BZ]
             span, slides, stops, spins = left, False, False, False
             for k in range(horizon.shape[0]):
-                until = call_horizon(horizon[k, 0], own + 8 * horizon[k, 1], where)
+                until = call_horizon(horizon[k, 0], forces.own + 8 * horizon[k, 1], r.ctypes.data)
                 if 0.0 < until < span:
                     span = until
             if mode == SLIDING:

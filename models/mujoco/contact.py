@@ -8,7 +8,7 @@ of the impulse models.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from models import record as rec
 from models.analytic.compliant import MIN_COMPLIANCE, dragged
@@ -24,8 +24,10 @@ from models.analytic.spring import (
 )
 from models.compiled import compiled_in_place
 from models.engine import columns as col
-from models.engine.cluster import CROWD_GAP_M, press
+from models.engine.cluster import CROWD_GAP_M, ContactLaw, press
 from models.engine.impacts import RAIL_OF_JAW, ask, describe
+from models.engine.workspace import Contact
+from models.hooks import Array
 from models.mujoco import layout as at
 from models.mujoco.memory import (
     BALL,
@@ -57,6 +59,40 @@ from models.shot import NOSE_COSINE, NOSE_SINE
 FREE_ACCELERATION: Final = 1e9  # of a contact that does not act: the solver leaves it alone [m/s^2]
 
 
+class Meeting(NamedTuple):
+    """What meets in a contact of MuJoCo."""
+
+    i: int  # ball, -1 for none
+    j: int  # other ball, rail or jaw
+    kind: int  # BALL if the other one is a ball, or what else it is (models/mujoco/memory.py)
+    nx: float  # horizontal unit vector from the ball into the other
+    ny: float
+    level: float  # horizontal part of the normal
+    gap: float  # [m]
+
+
+class Step(NamedTuple):
+    """The balls of a simulation in a step, n of them."""
+
+    b: Array  # (n, COLUMN_COUNT) their rows, as the engine has them
+    dv: Array  # (n, 5) changes of velocity and spin
+    masses: Array  # (n,) [kg]
+    radius: float  # [m]
+    now: float  # since the strike [s]
+    length: float  # of the step [s]
+    fresh: bool  # whether time has gone on since the last look
+    hit: Array  # (IMPACT_FIELDS,) for work, as the next one (3, 10)
+    work: Array
+
+
+class SolverRow(NamedTuple):
+    """The row of a contact in MuJoCo's solver."""
+
+    kbip: Array  # (rows, 4) stiffness, damping, impedance of all rows
+    weight: float  # inverse of the effective mass of this one
+    number: int  # of this one, -1 for none
+
+
 @compiled_in_place
 def set_row(kbip, row, dist, acceleration):  # type: ignore[no-untyped-def]
     """Let a contact's row ask for this acceleration of its gap: a = -K I gap - B v."""
@@ -66,26 +102,24 @@ def set_row(kbip, row, dist, acceleration):  # type: ignore[no-untyped-def]
 
 @compiled_in_place
 def read_contact(place, o, geoms):  # type: ignore[no-untyped-def]
-    """What meets in MuJoCo's contact at an address: ball i (-1 for none), the other ball, rail or jaw j, its kind
-    (BALL for a ball), the horizontal unit vector from i into it, the horizontal part of the normal, and the gap.
-    """
+    """What meets in MuJoCo's contact at an address."""
     pair = ints(place + o[at.CONTACT_GEOM])
     dist = doubles(place + o[at.CONTACT_DIST])[0]
     normal = doubles(place + o[at.CONTACT_FRAME])
     one, two, sign = pair[0], pair[1], 1.0
     if one < 0 or two < 0:
-        return -1, 0, TOOL, 1.0, 0.0, 1.0, dist
+        return Meeting(-1, 0, TOOL, 1.0, 0.0, 1.0, dist)
     if geoms[one, 0] < 0 or (geoms[two, 0] >= 0 and geoms[two, 0] < geoms[one, 0]):
         one, two, sign = two, one, -1.0
     i, other = geoms[one, 0], geoms[two, 0]
     if i < 0:
-        return -1, 0, TOOL, 1.0, 0.0, 1.0, dist
+        return Meeting(-1, 0, TOOL, 1.0, 0.0, 1.0, dist)
     kind, j = (BALL, other) if other >= 0 else (-1 - other, geoms[two, 1])
     nx, ny = sign * normal[0], sign * normal[1]
     level = math.sqrt(nx * nx + ny * ny)
     if level > 0.0:
         nx, ny = nx / level, ny / level
-    return i, j, kind, nx, ny, level, dist
+    return Meeting(i, j, kind, nx, ny, level, dist)
 
 
 @compiled_in_place
@@ -97,14 +131,15 @@ def slot(n, i, j, kind):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def meet(  # type: ignore[no-untyped-def]
-    kept, b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact, session, now, radius, slide, masses,
-    step, dv, work, kbip, weight, row, fresh,
-):  # fmt: skip
+def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     """Let two bodies push and rub each other in a step: the row of their contact, and changes dv of the balls.
 
-    `kept` is what is remembered of the contact, which goes on only at a `fresh` look. Returns whether it is a new one.
+    `kept` is what is remembered of the contact; the others: `Meeting`, `ShotLaws`, `Step` and `SolverRow`. Returns
+    whether it is a new one.
     """
+    i, j, kind, nx, ny, level, gap = meeting
+    b, dv, hit, masses, radius, fresh = step.b, step.dv, step.hit, step.masses, step.radius, step.fresh
+    kbip, weight, row = solver
     cushion = kind != BALL
     if gap > -CONTACT_GAP_M:
         if not cushion or kept[PART] == j + 1:  # not where a ball has gone on to another part of the rail
@@ -113,7 +148,8 @@ def meet(  # type: ignore[no-untyped-def]
         if row >= 0 and gap < 0.0:
             set_row(kbip, row, gap, -FREE_ACCELERATION)
         return False
-    new, passes = False, step if fresh else 0.0
+    contact = Contact(i, -1 if cushion else j, j, nx, ny)
+    new, passes = False, step.length if fresh else 0.0
     kept[PART] = j + 1
     approach = b[i, col.VX] * nx + b[i, col.VY] * ny
     if not cushion:
@@ -128,8 +164,8 @@ def meet(  # type: ignore[no-untyped-def]
     if approach > max(kept[PEAK], MIN_IMPACT_SPEED):
         new = fresh and kept[PEAK] <= DEAD_SPEED < approach  # what closes more slowly leans
         kept[PEAK] = approach
-        describe(hit, cushion, i, j, b[i], b[i if cushion else j], nx, ny, radius, session, now)
-        ask(hit, hit_at, own, impact)
+        describe(hit, b, contact, radius, laws.session, step.now)
+        ask(hit, laws.forces.own, laws.impact)
         e = hit[rec.RESTITUTION]
         kept[GIVES_BACK] = e
         kept[MU], kept[GAIN], kept[DECAY], kept[SINE] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY], hit[rec.NOSE]
@@ -151,7 +187,7 @@ def meet(  # type: ignore[no-untyped-def]
         set_row(kbip, row, gap, wanted)
     if row < 0 or force == 0.0:
         return new
-    dp = step * force
+    dp = step.length * force
     hold = NOT_HELD
     if cushion and kept[SOFT] > MIN_COMPLIANCE:
         # The spring along the face, which friction holds: models/analytic/compliant.py.
@@ -166,11 +202,11 @@ def meet(  # type: ignore[no-untyped-def]
             kept[STRETCH_ALONG] + along, kept[STRETCH_UP] + up, along, up, kept[MU] * force / stiffness
         )  # fmt: skip
         kept[STRETCH_ALONG], kept[STRETCH_UP] = q1, q2
-        hold = True, -step * stiffness * q1, -step * stiffness * q2
-    down = press(
-        b, i, -1 - j if cushion else j, nx, ny, dp, kept[MU:], slide, masses, 1.0, across, dv, work, kept[DOWN],
-        kept[SINK], hold,
+        hold = True, -step.length * stiffness * q1, -step.length * stiffness * q2
+    law = ContactLaw(
+        kept[MU], kept[GAIN], kept[DECAY], kept[SINE], laws.cloth[0], radius, across, kept[DOWN], kept[SINK], hold
     )  # fmt: skip
+    down = press(b, contact, dp, (masses[i], masses[i] if cushion else masses[j]), law, dv, step.work)
     if fresh:
         kept[DOWN] = down
     dv[i, 0] += dp * across / masses[i] * nx  # what the normal force itself does is MuJoCo's

@@ -15,7 +15,7 @@ The slate is a plane that MuJoCo holds balls up with, but where it has holes.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import carray
@@ -27,14 +27,17 @@ from models.analytic.spring import CONTACT_GAP_M, SPRING_STEP_S
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import is_still
+from models.engine.curve import lay_record
 from models.engine.impacts import RAIL_OF_JAW
 from models.engine.touch import MOUTH_DEPTH_M
+from models.engine.workspace import Forces, Index, ShotLaws
+from models.hooks import Array
 from models.mujoco import layout as at
 from models.mujoco import memory as mem
 from models.mujoco.coast import coast
-from models.mujoco.contact import FREE_ACCELERATION, meet, read_contact, set_row, slot
+from models.mujoco.contact import FREE_ACCELERATION, SolverRow, Step, meet, read_contact, set_row, slot
 from models.mujoco.record import look_back, note
-from models.shot import GRAVITY, SESSION_FIELDS
+from models.shot import GRAVITY
 
 TOOL_STEP_S: Final = 1e-5  # while something else touches a ball [s]
 TOOL_SPEED: Final = 5.0  # at which that may come, at most [m/s]
@@ -53,6 +56,34 @@ ARCS: Final = len(ARC_RAILS)  # number of arcs of a table with jaws; the facings
 SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was to lead [s]
 
 
+class Coordinates(NamedTuple):
+    """MuJoCo's coordinates of a simulation."""
+
+    qpos: Array
+    qvel: Array
+    passive: Array  # generalised forces
+    joints: Index  # (n, 2) of each ball, where its position and its velocity begin
+
+
+class Contacts(NamedTuple):
+    """MuJoCo's contacts of a simulation."""
+
+    at: int  # address of the first
+    total: int  # how many there are
+    offsets: Index  # of models/mujoco/layout.py
+    geoms: Index  # (geoms, 2) what each geom is (models/mujoco/memory.py)
+
+
+class View(NamedTuple):
+    """A world, and what a simulation of it remembers."""
+
+    table: Index  # of the world
+    numbers: Array  # (NUMBER_COUNT,) of the world
+    balls: Array  # (n, BALL_MEMORY)
+    kept: Array  # (contacts, CONTACT_MEMORY)
+    b: Array  # (n, COLUMN_COUNT) the balls' rows, as the engine has them
+
+
 @compiled_in_place
 def _turned(qpos, at, sign, a, b, c):  # type: ignore[no-untyped-def]
     """A vector (a, b, c) turned by the quaternion that begins at qpos[at], or back with a sign of -1."""
@@ -62,9 +93,10 @@ def _turned(qpos, at, sign, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _gather(qpos, qvel, joints, b, n):  # type: ignore[no-untyped-def]
+def _gather(coordinates, b):  # type: ignore[no-untyped-def]
     """The balls' states in the frame of the table, as the engine has them: b (n, COLUMN_COUNT)."""
-    for i in range(n):
+    qpos, qvel, _, joints = coordinates
+    for i in range(b.shape[0]):
         p, v = joints[i, 0], joints[i, 1]
         b[i, col.X], b[i, col.Y], b[i, col.VX], b[i, col.VY] = qpos[p], qpos[p + 1], qvel[v], qvel[v + 1]
         spin = _turned(qpos, p + 3, 1.0, qvel[v + 3], qvel[v + 4], qvel[v + 5])
@@ -72,8 +104,9 @@ def _gather(qpos, qvel, joints, b, n):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _deliver(qpos, passive, joints, i, dv, h, mass, radius):  # type: ignore[no-untyped-def]
+def _deliver(coordinates, i, dv, h, mass, radius):  # type: ignore[no-untyped-def]
     """The changes dv (5,) of a ball within h as generalised forces."""
+    qpos, _, passive, joints = coordinates
     p, v = joints[i, 0], joints[i, 1]
     passive[v] += mass * dv[0] / h
     passive[v + 1] += mass * dv[1] / h
@@ -103,8 +136,9 @@ def _has_no_slate(table, numbers, holes, x, y, z):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _is_idle(table, numbers, balls, kept, b, i, j, kind):  # type: ignore[no-untyped-def]
+def _is_idle(view, i, j, kind):  # type: ignore[no-untyped-def]
     """Whether what meets does not act: balls in pockets, and a rail where it ends in a mouth."""
+    table, numbers, balls, kept, b = view
     if balls[i, mem.SUNK] > 0.0 or (kind == mem.BALL and balls[j, mem.SUNK] > 0.0):
         return True
     if kind == mem.BALL or numbers[mem.CORNER_MOUTH] == 0.0:
@@ -141,10 +175,10 @@ def _is_native(table, kind):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _choose_step(  # type: ignore[no-untyped-def]
-    table, numbers, longest, balls, kept, b, o, contact_at, ncon, geoms, n, before,
-):  # fmt: skip
+def _choose_step(view, contacts, longest, before):  # type: ignore[no-untyped-def]
     """Length of the next step [s]: at most twice the one before, and half of the way to the next touch."""
+    table, _, _, kept, b = view
+    contact_at, ncon, o, geoms = contacts
     step = longest
     if before > 0.0:
         step = min(step, 2.0 * before)
@@ -155,7 +189,7 @@ def _choose_step(  # type: ignore[no-untyped-def]
         if kind == mem.TOOL:
             step = min(step, max(0.5 * gap / TOOL_SPEED, TOOL_STEP_S))
             continue
-        if _is_idle(table, numbers, balls, kept, b, i, j, kind):
+        if _is_idle(view, i, j, kind):
             continue
         closing = (b[i, col.VX] * nx + b[i, col.VY] * ny) * level
         if kind == mem.BALL:
@@ -170,7 +204,7 @@ def _choose_step(  # type: ignore[no-untyped-def]
         elif least == NATIVE_STEP_S:
             step = min(step, least)
         else:
-            one = kept[slot(n, i, j, kind)]
+            one = kept[slot(b.shape[0], i, j, kind)]
             if closing > DEAD_SPEED or -gap - one[mem.GIVEN] > CONTACT_GAP_M:
                 calm = abs(closing) < DEAD_SPEED and one[mem.PEAK] < DEAD_SPEED
                 slower = 1.0 / math.sqrt(one[mem.STIFFNESS]) if one[mem.STIFFNESS] > 0.0 else 1.0
@@ -193,8 +227,9 @@ def _rub(b, load, friction, step, mass, radius, dv):  # type: ignore[no-untyped-
 
 
 @compiled_in_place
-def _hang(qpos, qvel, passive, joints, i, mass, numbers):  # type: ignore[no-untyped-def]
+def _hang(coordinates, i, mass, numbers):  # type: ignore[no-untyped-def]
     """Let a net stop a ball that has fallen into a pocket, and hold it."""
+    qpos, qvel, passive, joints = coordinates
     p, v, radius = joints[i, 0], joints[i, 1], numbers[mem.RADIUS]
     pull = mass / NET_TIME_S
     if qpos[p + 2] < radius - SUNK_M:
@@ -246,17 +281,19 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     begin += 8 * n * col.COLUMN_COUNT
     dv = carray(mem.doubles(begin), (n, 5))
     begin += 8 * n * 5
-    ball_at = begin
     r = carray(mem.doubles(begin), rec.BALL_FIELDS)
-    hit_at = begin + 8 * rec.BALL_FIELDS
-    hit = carray(mem.doubles(hit_at), rec.IMPACT_FIELDS)
-    work = carray(mem.doubles(hit_at + 8 * rec.IMPACT_FIELDS), (4, 10))
-    session = head[mem.SESSION : mem.HEAD]
+    begin += 8 * rec.BALL_FIELDS
+    hit = carray(mem.doubles(begin), rec.IMPACT_FIELDS)
+    work = carray(mem.doubles(begin + 8 * rec.IMPACT_FIELDS), (3, 10))
+    coordinates, view = Coordinates(qpos, qvel, passive, joints), View(table, numbers, balls, kept, b)
+    pushes = Forces(own, forces, table[mem.SUPPORT])
+    # Every ball has a mass of its own here, and masses[0] is that of the struck one.
+    laws = ShotLaws(pushes, horizon, impact, cloth, masses[0], head[mem.SESSION : mem.HEAD], head[mem.LAUNCH])
 
     # A step has passed since the last look if the time is where that was to lead; otherwise it is the same look again.
     fresh = now != head[mem.STATE_TIME]
     passed = fresh and abs(now - head[mem.STATE_TIME] - head[mem.STEP]) <= SAME_TIME_S
-    _gather(qpos, qvel, joints, b, n)
+    _gather(coordinates, b)
     if fresh:
         for i in range(n):
             if passed:
@@ -278,7 +315,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             dv[i, k] = 0.0
     if fresh:
         if record_at != 0:
-            look_back(record_at, n, now, head[mem.STATE_TIME] if passed else now, head[mem.STEP_BEFORE], b, past, balls)
+            look_back(record_at, now, head[mem.STATE_TIME] if passed else now, head[mem.STEP_BEFORE], b, past, balls)
         head[mem.STEP_BEFORE] = head[mem.STEP] if passed else 0.0
         head[mem.STATE_TIME] = now
 
@@ -287,46 +324,45 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     weights = mem.doubles(mem.longs(data + o[at.DATA_D])[0])
     before = head[mem.STEP_BEFORE]
     longest = head[mem.LONGEST] if head[mem.LONGEST] > 0.0 else numbers[mem.BASE_STEP]
-    step = _choose_step(table, numbers, longest, balls, kept, b, o, contact_at, ncon, geoms, n, before)
+    step = _choose_step(view, Contacts(contact_at, ncon, o, geoms), longest, before)
     head[mem.STEP] = step
     carray(mem.doubles(model + o[at.MODEL_TIMESTEP]), 1)[0] = step
 
     # Cloth and effects.
     since = now - head[mem.STRUCK_AT]
-    r[rec.RADIUS], r[rec.LAUNCH] = radius, head[mem.LAUNCH]
-    for k in range(SESSION_FIELDS):
-        r[rec.SESSION + k] = session[k]
     for i in range(n):
         balls[i, mem.MORE_ROLLED] = 0.0
         if balls[i, mem.SUNK] > 0.0:
-            _hang(qpos, qvel, passive, joints, i, masses[i], numbers)
+            _hang(coordinates, i, masses[i], numbers)
             continue
         if forces.shape[0] == 0 and is_still(b[i]):
             continue
-        r[rec.X], r[rec.Y], r[rec.NUMBER], r[rec.MASS] = b[i, col.X], b[i, col.Y], i, masses[i]
+        lay_record(r, i, radius, laws)
+        r[rec.X], r[rec.Y], r[rec.MASS] = b[i, col.X], b[i, col.Y], masses[i]
         r[rec.ROLLED] = balls[i, mem.ROLLED]
         flows, native = 0.5 * (before + step), table[mem.NATIVE_CLOTH] > 0
         r[rec.TIME] = since - 0.5 * before
         if native:
             flows, r[rec.TIME] = step, since
-        if coast(r, ball_at, b[i], own, forces, table[mem.SUPPORT], horizon, cloth, native, flows, dv[i]):
+        if coast(r, b[i], laws, native, flows, dv[i]):
             balls[i, mem.MORE_ROLLED] = step * math.sqrt(b[i, col.VX] ** 2 + b[i, col.VY] ** 2) / radius
         if felt[i] >= 0 and not native:  # what the slate bore in the step before
             load = mem.doubles(mem.longs(data + o[at.DATA_SENSORDATA])[0] + 8 * felt[i])[0] - masses[i] * GRAVITY
             _rub(b[i], load, cloth[0], step, masses[i], radius, dv[i])
 
     # Impacts.
-    work[3, 0] = radius
+    now_step = Step(b, dv, masses, radius, since, step, fresh, hit, work)
     for c in range(ncon):
         place = contact_at + c * o[at.CONTACT_SIZE]
-        i, j, kind, nx, ny, level, gap = read_contact(place, o, geoms)
+        meeting = read_contact(place, o, geoms)
+        i, j, kind, _, _, _, gap = meeting
         if i < 0 or kind == mem.TOOL:
             continue
         line = mem.ints(place + o[at.CONTACT_ROW])[0]
         if kind == mem.SLATE:
             if balls[i, mem.SUNK] > 0.0 and line >= 0 and gap < SUPPORT_MARGIN_M:
                 set_row(kbip, line, gap - SUPPORT_MARGIN_M, -FREE_ACCELERATION)
-        elif _is_idle(table, numbers, balls, kept, b, i, j, kind):
+        elif _is_idle(view, i, j, kind):
             if line >= 0 and gap < 0.0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif before > 0.0 and _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, i, j, kind)], kind, j, gap):
@@ -336,12 +372,9 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             if line >= 0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif not _is_native(table, kind):
-            new = meet(
-                kept[slot(n, i, j, kind)], b, i, j, kind, nx, ny, level, gap, hit, hit_at, own, impact,
-                session, since, radius, cloth[0], masses, step, dv, work, kbip, weights[max(line, 0)], line,
-                fresh,
-            )  # fmt: skip
+            solver = SolverRow(kbip, weights[max(line, 0)], line)
+            new = meet(kept[slot(n, i, j, kind)], meeting, laws, now_step, solver)
             if new and record_at != 0:
                 note(record_at, n, now, mem.EVENT_BALL if kind == mem.BALL else mem.EVENT_CUSHION, i, j, b[i])
     for i in range(n):
-        _deliver(qpos, passive, joints, i, dv[i], step, masses[i], radius)
+        _deliver(coordinates, i, dv[i], step, masses[i], radius)

@@ -48,7 +48,7 @@ ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
     DECAY, SINE, CONTACT_MEMORY,
 ) = range(17)  # fmt: skip
 PAST: Final = 8  # numbers of each ball at the last step: place, velocity, spin, angle turned
-WORK: Final = 4 * 10
+WORK: Final = 3 * 10
 
 # A record: how many samples and events there is room for, how many there are; then times, samples, events.
 TIME_COUNT, NEXT_TIME, EVENT_ROOM, EVENT_COUNT, RECORD_HEAD = range(5)

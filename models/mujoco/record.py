@@ -27,9 +27,9 @@ def note(record_at, n, now, kind, i, other, b):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def look_back(record_at, n, now, then, before, b, past, balls):  # type: ignore[no-untyped-def]
+def look_back(record_at, now, then, before, b, past, balls):  # type: ignore[no-untyped-def]
     """Record the samples up to `now`, between the state at `then` and the present one, and keep the latter."""
-    record = mem.doubles(record_at)
+    record, n = mem.doubles(record_at), b.shape[0]
     count, number = int(record[mem.TIME_COUNT]), int(record[mem.NEXT_TIME])
     step = now - then
     while number < count and record[mem.RECORD_HEAD + number] <= now + 1e-12:

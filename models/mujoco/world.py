@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from models import record as rec
 from models.analytic.spring import NOSE_RADIUS
 from models.compiled import callback
-from models.engine.impacts import ask_rows, strike_rows
+from models.engine.impacts import ask_neighbours, strike_rows
 from models.engine.play import lay_out
 from models.errors import BadInput
 from models.mjcf.world import build_spec
@@ -168,15 +168,11 @@ class World:
         n, radius, game = len(self.names), self.model.ball.radius, self._game
         factor = np.ones((self.rows, n))
         if n > 1 and not self._native[mem.NATIVE_BALLS]:
-            first, second, place = np.arange(n), np.roll(np.arange(n), -1), np.zeros((n, n, 3))
-            place[:, :, 0] = 2 * radius * np.arange(n)
-            still, session = np.zeros((n, n, 3)), np.zeros((n, SESSION_FIELDS))
+            beside, session = np.zeros((n, 7)), np.zeros(SESSION_FIELDS)
+            beside[:, 0] = 2 * radius * np.arange(n)
             for row in range(self.rows):
                 hit = np.zeros((n, rec.IMPACT_FIELDS))
-                ask_rows(
-                    False, place, still, still, first, second, game.pockets.jaws, radius, session, np.zeros(n),
-                    game.hooks.own, np.full(n, row), game.hooks.impact, hit,
-                )  # fmt: skip
+                ask_neighbours(beside, radius, session, game.hooks.own[row], game.hooks.impact, hit)
                 factor[row] = hit[:, rec.MASS_FIRST]
         return np.asarray(factor * self.model.ball.mass)
 

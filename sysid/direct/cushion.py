@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.analytic.impulse import collide_rows
+from models.analytic.impulse import rebound_rows
 from models.shot import Ball
 from sysid.clips import ClipSet
 from sysid.clips.segments import Segment
@@ -158,12 +158,12 @@ def _after_cushion(x: Array, v: Array, mu: Array, cloth: float, ball: Ball) -> A
     shape = np.broadcast_shapes(x.shape[:-1], v.shape[:-1], mu.shape)
     e, side, friction = (np.broadcast_to(k, shape).flatten() for k in (x[..., 0], x[..., 1], mu))
     n = len(e)
-    velocity, spin, hit = np.zeros((n, 1, 3)), np.zeros((n, 1, 3)), np.tile(np.array([0, 0, 2]), (n, 1))
-    velocity[:, 0, :2] = np.broadcast_to(v, (*shape, 2)).reshape(n, 2)
-    spin[:, 0] = np.column_stack([-velocity[:, 0, 1], velocity[:, 0, 0], side * velocity[:, 0, 1]]) / ball.radius
-    collide_rows(True, hit, np.zeros((n, 1, 3)), velocity, spin, e, friction, np.full(n, cloth), ball.mass, ball.radius)
-    slip = velocity[:, 0, :2] + ball.radius * np.column_stack([-spin[:, 0, 1], spin[:, 0, 0]])
-    return np.concatenate([velocity[:, 0, :2], -2 / 7 * slip], axis=1).reshape(*shape, 4)
+    velocity = np.zeros((n, 3))
+    velocity[:, :2] = np.broadcast_to(v, (*shape, 2)).reshape(n, 2)
+    spin = np.column_stack([-velocity[:, 1], velocity[:, 0], side * velocity[:, 1]]) / ball.radius
+    rebound_rows(velocity, spin, e, friction, cloth, ball.radius)
+    slip = velocity[:, :2] + ball.radius * np.column_stack([-spin[:, 1], spin[:, 0]])
+    return np.concatenate([velocity[:, :2], -2 / 7 * slip], axis=1).reshape(*shape, 4)
 
 
 def _jacobian(f: Callable[[Array], Array]) -> Array:

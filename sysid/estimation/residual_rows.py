@@ -7,18 +7,20 @@ Only the residuals of a simulated shot are stored, so that memory does not grow 
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.analytic.geometry import TableGeometry
 from models.compiled import compiled, compiled_within
 from models.engine.impacts import deliver
-from models.engine.loop import ROW_SIZE, play_shot, workspace
+from models.engine.loop import ROW_SIZE, play_shot
 from models.engine.play import MAX_EVENTS, Layout, over_threads
+from models.engine.workspace import Forces, Options, ShotLaws, ShotLog, workspace
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
 from models.shot import Session
@@ -48,8 +50,7 @@ class MeasuredShot:
     moving: int = 1  # balls that move at its start, the first ones
 
 
-@dataclass(frozen=True)
-class ShotData:
+class ShotData(NamedTuple):
     """The measurements of shots, laid out for compiled code: n shots of at most b balls with s samples each.
 
     The residuals of a shot come ball after ball: positions (2 s) and angles (s), with s the ball's number of samples.
@@ -64,7 +65,7 @@ class ShotData:
     moving: Index  # (n,) how many of them, the first ones, move at the start
     rest: Array  # (n, b, 2) [m], where the camera first sees the others; the first is not used
     stays: NDArray[np.bool_]  # (n, b), balls that are not pocketed
-    count: Index  # (n, b) samples of each ball
+    count: Index  # type: ignore[assignment]  # (n, b) samples of each ball; hides tuple.count
     at: Index  # (n, b, s) number of a sample's stamp
     xy: Array  # (n, b, s, 2) [m]
     theta: Array  # (n, b, s) [rad], nan where no mark was seen
@@ -77,11 +78,10 @@ class ShotData:
 
     def only(self, rows: Index) -> ShotData:
         """Some of the shots."""
-        return dataclasses.replace(self, **{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
+        return ShotData._make(every[rows] for every in self)
 
 
-@dataclass(frozen=True)
-class Weighting:
+class Weighting(NamedTuple):
     """The weights of the samples of n shots, as standard deviations."""
 
     sd: Array  # (n, b, s) of each sample's position [m]
@@ -91,6 +91,21 @@ class Weighting:
     def only(self, rows: Index) -> Weighting:
         """The weighting of some of the shots."""
         return Weighting(self.sd[rows], self.sd_theta[rows], self.horizon[rows])
+
+
+class StateRows(NamedTuple):
+    """Rows of unknowns of shots."""
+
+    x: Array  # (k, p) initial states, as in `residuals`
+    which: Index  # (k,) number of the shot of each
+
+
+class ResidualRows(NamedTuple):
+    """What is written of rows."""
+
+    out: Array  # (k, size) residuals over their standard deviations
+    faults: Index  # (k,) 0 where a row could be played
+    ends: Array  # (k, b, 7), or of no rows, as in `residuals`
 
 
 @dataclass(frozen=True)
@@ -165,24 +180,15 @@ def residuals(
     if k == 0:
         return out
     game = layout.game(c)
-    hooks, pockets = game.hooks, game.pockets
-    faults = np.zeros(k, np.int64)
-    ends = np.zeros((0, 0, 0)) if ends is None else ends
-    x = np.ascontiguousarray(x)
+    states = StateRows(np.ascontiguousarray(x), which)
+    rows = ResidualRows(out, np.zeros(k, np.int64), np.zeros((0, 0, 0)) if ends is None else ends)
 
     def part(first: int, last: int) -> None:
         out[first:last] = np.nan
-        residual_rows(
-            first, last, x, which, samples.stamps, samples.begun, samples.azimuth, samples.session, samples.struck,
-            samples.balls, samples.moving, samples.rest, samples.stays, samples.count, samples.at, samples.xy,
-            samples.theta, samples.trusted, weighting.sd, weighting.sd_theta, weighting.horizon, hooks.own,
-            hooks.forces, hooks.support, hooks.horizon, hooks.impact, hooks.strike, hooks.observe, hooks.exposures,
-            game.cloth, game.mass, game.radius, game.limits, game.half, pockets.ends, pockets.jaws, pockets.falls,
-            out, faults, ends,
-        )  # fmt: skip
+        residual_rows(first, last, states, samples, weighting, game, rows)
 
     over_threads(part, k)
-    if (faults == BACKWARDS_IN_TIME).any():
+    if (rows.faults == BACKWARDS_IN_TIME).any():
         effects = ", ".join(e.name() for e in camera(layout.model) if e.opens("exposures"))
         raise BadInput(f"{effects}: exposures run backwards, or to before the shot; correct the effect or its bounds")
     return out
@@ -230,12 +236,12 @@ def _hold_last(track, seen, n, position, velocity):  # type: ignore[no-untyped-d
 
 
 @compiled_within
-def _write_row(  # type: ignore[no-untyped-def]
-    out, n, seen, position, track, count, at, xy, theta, trusted, sd, sd_theta
-):  # fmt: skip
-    """Residuals of one shot: places and angles against the samples, over their standard deviations."""
+def _write_row(out, w, seen, position, track, samples, weighting):  # type: ignore[no-untyped-def]
+    """Residuals of shot w: places and angles against its samples, over their standard deviations."""
+    count, at, xy, theta = samples.count[w], samples.at[w], samples.xy[w], samples.theta[w]
+    trusted, sd, sd_theta = samples.trusted[w], weighting.sd[w], weighting.sd_theta[w]
     to = 0
-    for i in range(n):
+    for i in range(samples.balls[w]):
         marked, mean = 0, 0.0
         for k in range(count[i]):
             s = at[i, k]
@@ -257,34 +263,35 @@ def _write_row(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def residual_rows(  # type: ignore[no-untyped-def]
-    first, last, x, which, stamps, begun, azimuth, session, struck, balls, moving, rest, stays, count, at, xy, theta,
-    trusted, sd, sd_theta, horizon, own, forces, support, horizons, impact, strike, observe, exposures, cloth, mass,
-    radius, span, half, mouths, jaws, falls, out, faults, ends,
-):  # fmt: skip
-    """See `residuals`. Flat arguments, since compiled code takes no objects."""
+def residual_rows(first, last, states, samples, weighting, game, rows):  # type: ignore[no-untyped-def]
+    """Residuals of rows number `first` to `last` of `StateRows`, into `ResidualRows`; see `residuals`."""
+    (x, which), (out, faults, ends) = states, rows
+    hooks, cloth, pockets, limits, half, mass, radius = game
+    observe, exposures, rest, stays = hooks.observe, hooks.exposures, samples.rest, samples.stays
+    stamps, begun, session = samples.stamps, samples.begun, samples.session
     most = rest.shape[1]
     track = np.zeros((stamps.shape[1], most, ROW_SIZE))
     position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
     log, who, counts, potted = np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64), np.zeros(most, np.bool_)
     start, place, cue = np.zeros((most, ROW_SIZE)), np.zeros((most, 2)), np.zeros(STROKE_FIELDS)
-    size, work = most, workspace(most, forces.shape[0] > 0)
+    curved = hooks.forces.shape[0] > 0
+    size, work = most, workspace(most, curved)
     for row in range(first, last):
         w = which[row]
-        n, here = balls[w], own[row].ctypes.data
+        n, here = samples.balls[w], hooks.own[row].ctypes.data
         u = x[row]
-        _lay_struck(start, u, azimuth[w], radius[row])
+        _lay_struck(start, u, samples.azimuth[w], radius[row])
         for i in range(1, n):
             place[i, 0], place[i, 1] = rest[w, i, 0] + u[5 + 2 * i], rest[w, i, 1] + u[6 + 2 * i]
         if observe.shape[0] > 0 and n > 1 and ends.shape[0] == 0:
             unsee(place[1:n].copy(), session[w], here, observe, place[1:n])
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
-        _lay_moving(start, u, most, moving[w], radius[row])
+        _lay_moving(start, u, most, samples.moving[w], radius[row])
         launch = 0.0
-        if struck[w]:
-            launch = deliver(start[0, 2:4], start[0, 4:7], here, strike, radius[row], mass, cue)
-        seen = stamps_until(stamps[w], horizon[w])
+        if samples.struck[w]:
+            launch = deliver(start[0, 2:4], start[0, 4:7], here, hooks.strike, radius[row], mass, cue)
+        seen = stamps_until(stamps[w], weighting.horizon[w])
         if seen == 0:
             continue
         looked = stamps[w, :seen].copy()
@@ -300,16 +307,16 @@ def residual_rows(  # type: ignore[no-untyped-def]
                 faults[row] = BACKWARDS_IN_TIME
                 continue
         if n != size:
-            size, work = n, workspace(n, forces.shape[0] > 0)
+            size, work = n, workspace(n, curved)
+        geometry = TableGeometry(radius[row], limits[row], half[row], pockets.ends, pockets.jaws, pockets.falls)
+        forces = Forces(here, hooks.forces, hooks.support)
+        laws = ShotLaws(forces, hooks.horizon, hooks.impact, cloth[row], mass, session[w], launch)
+        written = ShotLog(looked, track[:seen, :n], log, who, counts, potted[:n], work.cursor)
         # Where the engine ends a shot early, its balls stay where they were.
-        play_shot(
-            work, start[:n], stays[w, :n], launch, session[w], here, forces, support, horizons, impact, cloth[row],
-            mass, radius[row], span[row], half[row], mouths, jaws, falls, True, looked[seen - 1], MAX_EVENTS,
-            looked, track[:seen, :n], log, who, counts, potted[:n],
-        )  # fmt: skip
+        play_shot(work, start[:n], stays[w, :n], geometry, laws, Options(looked[seen - 1], MAX_EVENTS, True), written)
         if ends.shape[0] > 0:
             ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, seen, n, position, velocity)
         if observe.shape[0] > 0:
             see(position[:seen, :n], velocity[:seen, :n], moment, session[w], here, observe)
-        _write_row(out[row], n, seen, position, track, count[w], at[w], xy[w], theta[w], trusted[w], sd[w], sd_theta[w])
+        _write_row(out[row], w, seen, position, track, samples, weighting)

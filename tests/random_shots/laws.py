@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from models.analytic.events import in_mouth
 from models.analytic.pocket import jaw_gaps, pockets_of
 from models.analytic.spring import CUSHION_TIME, MAX_CLUSTER_S
-from models.engine.play import MAX_EVENTS, Game, Result, lay_out, run
+from models.engine.play import MAX_EVENTS, Game, Result, ShotRows, lay_out, run
 from models.engine.rubber import MAX_RAIL_DEPTH
 from models.shot import GRAVITY, Array
 from tests.random_shots.draws import Batch
@@ -61,7 +61,7 @@ def play(batch: Batch, threads: int = 1) -> Played:
     stays, struck = np.zeros(start.shape[:2], np.bool_), np.ones(n, np.bool_)
     session = np.array([s.session.row for s in shots])
     until = np.full(n, np.inf)
-    result, out = run(game, start, stays, struck, session, until, times, LOG_ROOM, threads, MOST_EVENTS, True)
+    result, out = run(game, ShotRows(start, stays, struck, session, until, times), LOG_ROOM, threads, MOST_EVENTS, True)
     return Played(game, result, out)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.coulomb import MIN_STEPS
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.shot import Ball
 
 Array = NDArray[np.float64]
@@ -74,8 +74,8 @@ def collide_balls(
         state[5 * k : 5 * k + 2] = turn @ np.asarray(v, float)[:2]
         state[5 * k + 2 : 5 * k + 4] = turn @ spin[:2]
         state[5 * k + 4] = spin[2]
-    law = (float(mu), float(cloth), ball.mass, ball.radius)
-    collide(False, state, float(restitution), law, steps, float(gain), float(decay))
+    law = ImpactLaw(float(restitution), float(mu), float(cloth), float(gain), float(decay))
+    collide(False, state, law, ball.radius, steps)
     out = [
         np.concatenate([turn.T @ state[5 * k : 5 * k + 2], turn.T @ state[5 * k + 2 : 5 * k + 4], [state[5 * k + 4]]])
         for k in range(2)

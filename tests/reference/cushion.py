@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.coulomb import MIN_STEPS
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.shot import NOSE_COSINE, NOSE_SINE, Ball
 
 Array = NDArray[np.float64]
@@ -84,5 +84,5 @@ def collide_cushion(
     if law == "han2005":
         han2005(state, e, float(friction), ball.radius)
     else:
-        collide(True, state, e, (float(friction), float(cloth), ball.mass, ball.radius), steps)
+        collide(True, state, ImpactLaw(e, float(friction), float(cloth)), ball.radius, steps)
     return turn.T @ state[:2], np.concatenate([turn.T @ state[2:4], state[4:5]])

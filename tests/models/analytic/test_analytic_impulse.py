@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.analytic.coulomb import MIN_STEPS
-from models.analytic.impulse import collide, collide_rows
-from tests.support.impacts import BALLS, CUSHION, MASS, MIRROR, RADIUS, Array, approaching, energy, random_states
+from models.analytic.impulse import ImpactLaw, collide
+from tests.support.impacts import BALLS, CUSHION, MIRROR, RADIUS, Array, approaching, energy, random_states
 
 KINDS = pytest.mark.parametrize("cushion", [True, False], ids=["cushion", "balls"])
 
@@ -18,7 +18,7 @@ def impact(cushion: bool, state: Array, e: float, mu: float, cloth: float, steps
     """The state after an impact; spins as R omega [m/s] in and out."""
     scale = np.tile([1, 1, RADIUS, RADIUS, RADIUS], 1 if cushion else 2)
     out = np.asarray(state, float) / scale
-    collide(cushion, out, e, (mu, cloth, MASS, RADIUS), steps)
+    collide(cushion, out, ImpactLaw(e, mu, cloth), RADIUS, steps)
     return out * scale
 
 
@@ -186,21 +186,3 @@ def test_slopes_agree_between_steps_of_differences(cushion: bool, which: str) ->
         bad.append(np.abs(slopes[0] - slopes[1]).max() > 1e-3 * max(np.abs(slopes[0]).max(), 1e-3))
     # A few stand on the edge between slip and stick.
     assert sum(bad) <= 3
-
-
-def test_an_impact_turned_on_the_table_is_turned() -> None:
-    noise = np.random.default_rng(3)
-    p = np.zeros((1, 2, 3))
-    v, w = noise.normal(size=(2, 1, 2, 3))
-    w /= RADIUS
-    v[..., 2] = 0.0
-    p[0, 1, :2] = [0.04, 0.03]
-    v[0, 0, :2] += [2, 1]
-    c, s = np.cos(1.0), np.sin(1.0)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    one, hit = np.ones(1), np.array([[1, 0, 1]])
-    q, x, y = p @ turn.T, v @ turn.T, w @ turn.T
-    collide_rows(False, hit, p, v, w, 0.9 * one, 0.1 * one, 0.2 * one, MASS, RADIUS)
-    collide_rows(False, hit, q, x, y, 0.9 * one, 0.1 * one, 0.2 * one, MASS, RADIUS)
-    assert x == pytest.approx(v @ turn.T, abs=1e-12)
-    assert y == pytest.approx(w @ turn.T, abs=1e-9)

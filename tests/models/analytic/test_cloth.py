@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models import record as rec
-from models.analytic.cloth import RESTING, ROLLING, SLIDING, add_cloth, turned
+from models.analytic.cloth import RESTING, ROLLING, SLIDING, ClothPhase, add_cloth, turned
 from models.shot import GRAVITY, Array
 
 R, SLIDE, ROLL, SPIN = 0.02625, 0.212, 0.0127, 22.0
@@ -24,7 +24,8 @@ def pushed(
     )
     r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY] = *push, *torque
     u, v = float(np.hypot(*slip)), float(np.hypot(*velocity))
-    add_cloth(r, mode, u, *(slip / (u or 1.0)), *(velocity / (v or 1.0)), wz, SLIDE, ROLL, SPIN)
+    phase = ClothPhase(mode, u, *(slip / (u or 1.0)), v, *(velocity / (v or 1.0)), wz)
+    add_cloth(r, phase, np.array([SLIDE, ROLL, SPIN]))
     return np.array([r[rec.AX], r[rec.AY], 0.0]), r[[rec.BX, rec.BY, rec.BZ]], bool(r[PUSH].any())
 
 

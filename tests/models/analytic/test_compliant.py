@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.analytic.compliant import MIN_COMPLIANCE
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.shot import Array
 from tests.support.impacts import CUSHION, MASS, MIRROR, RADIUS, energy, random_states
 from tests.truth.impact import springs
@@ -19,7 +19,7 @@ def rebound(
 ) -> Array:
     """The state after a cushion; spins as R omega [m/s] in and out."""
     out = np.asarray(state, float) / SCALE
-    collide(True, out, e, (mu, cloth, MASS, RADIUS), sine=sine, compliance=compliance)
+    collide(True, out, ImpactLaw(e, mu, cloth, sine=sine, compliance=compliance), RADIUS)
     return out * SCALE
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from models.analytic.events import in_mouth, line, meeting
+from models.analytic.geometry import Parabola
 
 D = 0.0525
 
@@ -48,19 +49,19 @@ def test_straight_ways_of_two_balls_meet_by_the_quadratic(angle: float) -> None:
             room = D * D - offset * offset
             gap = 0.4 - np.sqrt(room) if room > 0.0 else np.inf
             expected = first_root([-gap, speed, 0.5 * push], 2.0) if room > 0.0 else np.inf
-            assert meeting(*x, *v, *a, D, 2.0) == pytest.approx(expected, rel=1e-7)
+            assert meeting(Parabola(*x, *v, *a), D, 2.0) == pytest.approx(expected, rel=1e-7)
 
 
 @pytest.mark.parametrize("angle", [0.2, 1.1, 2.5, 4.0])
 def test_balls_that_touch_meet_press_or_part(angle: float) -> None:
     way, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     x = -(D - 1e-15) * way
-    assert meeting(*x, *(0.3 * way + across), *(0.0 * way), D, 1.0) == 0.0
-    assert meeting(*x, *(0.0 * way), *(0.2 * way), D, 1.0) == -1.0
-    assert meeting(*x, *(0.0 * way), *(-0.2 * way), D, 1.0) == np.inf
-    assert meeting(*x, *(0.1 * across), *(0.05 * way), D, 1.0) == np.inf, "it flies off the curve: v^2 / D > a"
-    assert meeting(*x, *(-0.3 * way), *(1.5 * way), D, 1.0) == pytest.approx(0.4)
-    assert meeting(*x, *(-0.3 * way), *(1.5 * way), D, 0.3) == np.inf
+    assert meeting(Parabola(*x, *(0.3 * way + across), *(0.0 * way)), D, 1.0) == 0.0
+    assert meeting(Parabola(*x, *(0.0 * way), *(0.2 * way)), D, 1.0) == -1.0
+    assert meeting(Parabola(*x, *(0.0 * way), *(-0.2 * way)), D, 1.0) == np.inf
+    assert meeting(Parabola(*x, *(0.1 * across), *(0.05 * way)), D, 1.0) == np.inf, "it flies off: v^2 / D > a"
+    assert meeting(Parabola(*x, *(-0.3 * way), *(1.5 * way)), D, 1.0) == pytest.approx(0.4)
+    assert meeting(Parabola(*x, *(-0.3 * way), *(1.5 * way)), D, 0.3) == np.inf
 
 
 def test_meetings_are_the_same_in_any_mirror() -> None:
@@ -69,9 +70,9 @@ def test_meetings_are_the_same_in_any_mirror() -> None:
         x, v, a = noise.uniform(-0.3, 0.3, 2), noise.normal(size=2), noise.normal(size=2)
         if np.hypot(*x) < 1.01 * D:
             continue
-        t = meeting(*x, *v, *a, D, 1.0)
+        t = meeting(Parabola(*x, *v, *a), D, 1.0)
         for m in (np.array([[0, 1], [1, 0]]), np.diag([-1, 1]), np.diag([1, -1])):
-            assert meeting(*(m @ x), *(m @ v), *(m @ a), D, 1.0) == pytest.approx(t, rel=1e-9)
+            assert meeting(Parabola(*(m @ x), *(m @ v), *(m @ a)), D, 1.0) == pytest.approx(t, rel=1e-9)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.analytic.increments import ball_step, cushion_step
 from models.shot import NOSE_SINE, Array
 
@@ -46,7 +46,7 @@ def test_steps_at_a_cushion_are_its_rigid_impact(mu: float, sine: float) -> None
     for angle in (0.2, 0.7, 1.2, 1.9, 2.8):
         state = ball(noise, (np.cos(angle), np.sin(angle)))
         expected = state.copy()
-        collide(True, expected, 0.0, (mu, CLOTH, MASS, R), sine=sine)
+        collide(True, expected, ImpactLaw(0.0, mu, CLOTH, sine=sine), R)
         error = (compressed(True, state, (mu, 0.0, 0.0), 1.0, sine) - expected) * [1, 1, R, R, R]
         assert np.abs(error).max() < 5e-5
 
@@ -58,7 +58,7 @@ def test_steps_of_two_balls_are_their_rigid_impact(mu: tuple[float, float, float
     for angle in (-1.1, -0.4, 0.3, 0.9):
         state = np.concatenate([ball(noise, (np.cos(angle), np.sin(angle))), ball(noise, (0.2, -0.1))])
         expected = state.copy()
-        collide(False, expected, 0.0, (mu[0], CLOTH, MASS, R), gain=mu[1], decay=mu[2], ratio=ratio)
+        collide(False, expected, ImpactLaw(0.0, mu[0], CLOTH, mu[1], mu[2], ratio), R)
         error = (compressed(False, state, mu, ratio) - expected) * np.tile([1, 1, R, R, R], 2)
         assert np.abs(error).max() < 5e-5
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.shot import Array
 from tests.support.impacts import CUSHION, MASS, RADIUS, approaching, energy, random_states
 from tests.truth.impact import NOSE, impact, springs
@@ -16,7 +16,7 @@ SCALE = np.array([1, 1, RADIUS, RADIUS, RADIUS])
 def rebound(state: Array, sink: float, law: tuple[float, float, float], compliance: float = 0.0) -> Array:
     """The state after a cushion of restitution, friction and cloth; spins as R omega [m/s] in and out."""
     out = np.asarray(state, float) / SCALE
-    collide(True, out, law[0], (law[1], law[2], MASS, RADIUS), compliance=compliance, sink=sink)
+    collide(True, out, ImpactLaw(*law, compliance=compliance, sink=sink), RADIUS)
     return out * SCALE
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models import record as rec
-from models.analytic.impulse import collide
+from models.analytic.impulse import ImpactLaw, collide
 from models.effect import Effect
 from models.engine.impacts import CLIMB_FRICTION, ask
 from models.hooks import hooks_of
@@ -125,7 +125,7 @@ def random_state(noise: np.random.Generator, speed: float) -> Array:
 def after(state: Array, e: float, mu: tuple[float, float, float], ratio: float, cloth: float = CLOTH) -> Array:
     """The state after an impact of friction mu[0] + mu[1] exp(-mu[2] slip)."""
     out = state.copy()
-    collide(False, out, e, (mu[0], cloth, BALL.mass, R), 4, mu[1], mu[2], ratio)
+    collide(False, out, ImpactLaw(e, mu[0], cloth, mu[1], mu[2], ratio), R, 4)
     return out
 
 
@@ -195,7 +195,7 @@ def test_without_gain_and_with_equal_masses_an_impact_is_the_same_to_the_last_bi
     for _ in range(50):
         state = random_state(noise, 1.0)
         plain = state.copy()
-        collide(False, plain, E, (0.05, CLOTH, BALL.mass, R))
+        collide(False, plain, ImpactLaw(E, 0.05, CLOTH), R)
         assert plain.tobytes() == after(state, E, (0.05, 0.0, 3.0), 1.0).tobytes()
 
 
@@ -255,7 +255,7 @@ def asked(effects: list[Effect], cushion: bool, approach: float, first: int = 0,
         1.0,
     )
     hooks = hooks_of(effects, 1)
-    ask(hit, hit.ctypes.data, hooks.own.ctypes.data, hooks.impact)
+    ask(hit, hooks.own.ctypes.data, hooks.impact)
     return hit
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from models.analytic.cloth import state_at
 from models.analytic.events import first_fall, meeting
+from models.analytic.geometry import Parabola
 from models.engine.play import Layout, Result, finish, lacking, play
 from models.mjcf.snooker import racked
 from models.model_file import Model, catalogue, full_model
@@ -334,7 +335,7 @@ def test_the_first_fall_is_the_first(c: list[float], start: float, h: float) -> 
 def test_meetings_are_neither_missed_nor_made_up(x: list[float], v: list[float], a: list[float], h: float) -> None:
     if np.hypot(*x) < 0.06:
         return
-    t = float(meeting(*x, *v, *a, 2 * R, h))
+    t = float(meeting(Parabola(*x, *v, *a), 2 * R, h))
     grid = np.linspace(0, min(t, h), 4001)
     path = np.array(x) + np.outer(grid, v) + 0.5 * np.outer(grid**2, a)
     assert np.hypot(*path.T).min() > 2 * R - 1e-9

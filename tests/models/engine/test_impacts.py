@@ -6,20 +6,28 @@ import numpy as np
 import pytest
 
 from models import record as rec
+from models.analytic.geometry import TableGeometry
+from models.engine.columns import TERM_COUNT
 from models.engine.impacts import describe, part
 from models.engine.impacts import is_crowded as crowded
 from models.engine.motion import POTTED
+from models.engine.workspace import Balls, Contact, Pair
 from models.shot import NOSE_COSINE, NOSE_SINE, SESSION_FIELDS, Array, Session
 
 R, REACH = 0.02625, np.array([1.75, 0.85])  # radius, and limits of centres [m]
 SESSION = Session(0.3, 14.0, 2.5, 80.0, 2.0, 1.0)
-HALF, NO_MOUTHS = np.array([1.77, 0.88]), np.zeros(3)
+HALF, NO_MOUTHS, NO_ARCS = np.array([1.77, 0.88]), np.zeros(3), np.zeros((0, 5))
+
+
+def table(mouths: Array = NO_MOUTHS, jaws: Array = NO_ARCS) -> TableGeometry:
+    """A table of these limits."""
+    return TableGeometry(R, REACH, HALF, mouths, jaws, np.zeros((0, 3)))
 
 
 def told(cushion: bool, one: Array, two: Array, normal: tuple[float, float]) -> Array:
     """The record of an impact of bodies (x, y, vx, vy, wx, wy, wz)."""
     h = np.zeros(rec.IMPACT_FIELDS)
-    describe(h, cushion, 0, 1, one, two, *normal, R, SESSION.row, 0.5)
+    describe(h, np.array([one, two]), Contact(0, -1 if cushion else 1, 1, *normal), R, SESSION.row, 0.5)
     return h
 
 
@@ -45,8 +53,11 @@ def test_slip_is_that_of_the_points_that_touch(cushion: bool) -> None:
 def is_crowded(places: Array, kind: Array, near: float, hit: tuple[int, int], mouths: Array = NO_MOUTHS) -> bool:
     """Of balls hit[0] and hit[1], or of ball hit[0] and rail -1 - hit[1]."""
     i, j = hit
-    rail = j if j >= 0 else -1 - j
-    return bool(crowded(places, np.array(kind), i, max(j, -1), rail, near, R, REACH, HALF, mouths))
+    n = len(places)
+    balls = Balls(
+        places, np.zeros((n, 1, TERM_COUNT)), np.array(kind), np.zeros(n, bool), np.zeros((n, rec.BALL_FIELDS))
+    )
+    return bool(crowded(balls, Pair(i, max(j, -1), -1 - j), near, table(mouths)))
 
 
 PAIR = [(0.0, 0.0), (2 * R, 0.0)]
@@ -98,13 +109,13 @@ def test_balls_that_overlap_part_to_a_touch_about_their_middle(angle: float) -> 
     way = np.array([np.cos(angle), np.sin(angle)])
     b = np.array([[0.1, 0.2] + 0 * way, [0.1, 0.2] + 1.9 * R * way])
     middle = b.mean(axis=0)
-    part(b, 0, 1, 0, np.zeros((0, 5)), R, REACH)
+    part(b, Pair(0, 1, 0), table())
     assert b[1] - b[0] == pytest.approx(2 * R * way, rel=1e-12)
     assert b.mean(axis=0) == pytest.approx(middle, rel=1e-12)
     apart = b.copy()
     apart[1] += 0.1 * way
     still = apart.copy()
-    part(apart, 0, 1, 0, np.zeros((0, 5)), R, REACH)
+    part(apart, Pair(0, 1, 0), table())
     assert np.array_equal(apart, still)
 
 
@@ -114,12 +125,12 @@ def test_a_ball_beyond_a_rail_or_in_a_jaw_is_put_back(rail: int) -> None:
     for depth in (1e-3, -1e-3):
         b = np.array([[0.3, 0.2]])
         b[0, axis] = sign * (REACH[axis] + depth)
-        part(b, 0, -1, rail, np.zeros((0, 5)), R, REACH)
+        part(b, Pair(0, -1, rail), table())
         assert b[0, axis] == pytest.approx(sign * (REACH[axis] + min(depth, 0.0)), rel=1e-12)
         assert b[0, 1 - axis] == (0.3, 0.2)[1 - axis]
     jaw = np.array([[0.5, 0.4, 0.1, 0.0, 0.0]])
     way = np.array([np.cos(rail + 0.3), np.sin(rail + 0.3)])
     for distance in (0.09, 0.12):
         b = jaw[:, :2] + distance * way
-        part(b, 0, -1, 4, jaw, R, REACH)
+        part(b, Pair(0, -1, 4), table(jaws=jaw))
         assert b[0] == pytest.approx(jaw[0, :2] + max(distance, 0.1) * way, rel=1e-12)

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from models import record as rec
-from models.analytic.pocket import JAW_RAILS, pockets_of
-from models.engine.impacts import ask_rows, part
+from models.analytic.geometry import TableGeometry
+from models.analytic.pocket import JAW_RAILS, outward, pockets_of
+from models.engine.impacts import describe, part
 from models.engine.play import finish, play
+from models.engine.workspace import Contact, Pair
 from models.model_file import Model, effect_class, full_model
 from models.shot import UNKNOWN_SESSION, Shot, Track
 from models.simulation.simulate import simulate
@@ -89,22 +91,18 @@ def test_what_comes_back_from_between_the_jaws_rolls_on(effect: str) -> None:
 
 def test_effects_are_told_the_rail_of_a_jaw_and_its_own_normal() -> None:
     jaw = POCKETS.jaws[2]
-    p = np.zeros((1, 1, 3))
-    p[0, 0, :2] = jaw[:2] + jaw[2] * np.array([-0.6, 0.8])
-    v, none, one, hit = np.array([[[0.5, 0.0, 0.0]]]), np.zeros(1), np.zeros(1, int), np.zeros((1, rec.IMPACT_FIELDS))
-    no_hooks, session = np.zeros((0, 2), np.int64), UNKNOWN_SESSION.row[None]
-    ask_rows(
-        True, p, v, 0 * v, one, np.full(1, 6), POCKETS.jaws, R, session, none, np.zeros((1, 1)), one, no_hooks, hit
-    )
-    assert hit[0, rec.APPROACH] == pytest.approx(0.3)
-    assert hit[0, rec.SECOND] == JAW_RAILS[2]
+    b, hit = np.zeros((1, 7)), np.zeros(rec.IMPACT_FIELDS)
+    b[0, :2], b[0, 2] = jaw[:2] + jaw[2] * np.array([-0.6, 0.8]), 0.5
+    describe(hit, b, Contact(0, -1, 6, *outward(6, b[0, 0], b[0, 1], POCKETS.jaws)), R, UNKNOWN_SESSION.row, 0.0)
+    assert hit[rec.APPROACH] == pytest.approx(0.3)
+    assert hit[rec.SECOND] == JAW_RAILS[2]
 
 
 def test_what_lies_in_a_jaw_is_put_back_to_where_it_touches() -> None:
-    p = np.zeros((1, 1, 3))
-    p[0, 0, :2] = POCKETS.jaws[5, :2] + (POCKETS.jaws[5, 2] - 1e-4) * np.array([0.6, -0.8])
-    part(p[0], 0, -1, 9, POCKETS.jaws, R, TABLE.centre_limits(BALL))
-    assert p[0, 0, :2] == pytest.approx(POCKETS.jaws[5, :2] + POCKETS.jaws[5, 2] * np.array([0.6, -0.8]), abs=1e-15)
+    b = np.zeros((1, 2))
+    b[0] = POCKETS.jaws[5, :2] + (POCKETS.jaws[5, 2] - 1e-4) * np.array([0.6, -0.8])
+    part(b, Pair(0, -1, 9), TableGeometry(R, TABLE.centre_limits(BALL), HALF, *POCKETS))
+    assert b[0] == pytest.approx(POCKETS.jaws[5, :2] + POCKETS.jaws[5, 2] * np.array([0.6, -0.8]), abs=1e-15)
 
 
 @pytest.mark.parametrize("engine", ["events", "mujoco"])

@@ -16,7 +16,7 @@ import pytest
 
 import models.model_file
 from models.errors import BadInput
-from models.formula import BEND, HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, factor_value
+from models.formula import BEND, HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, FactorArguments, TermRow, factor_value
 from models.hooks import address, hooks_of
 from models.model_file import add_folder, effect_class, full_model
 from models.shot import Ball, Session, Shot, Table, Track
@@ -142,7 +142,11 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
 def values_of(shape: Shape, values: dict[str, float]) -> list[float]:
     """Factors of terms for a ball, or an impact."""
     return [
-        factor_value(float(t.kind), *t.constants, values[VARIABLES[int(t.constants[0])]], *[0.0] * 6) for t in shape
+        factor_value(
+            TermRow(0.0, 0.0, float(t.kind), *t.constants, 0.0, 0.0),
+            FactorArguments(values[VARIABLES[int(t.constants[0])]], *[0.0] * 6),
+        )
+        for t in shape
     ]
 
 
@@ -227,7 +231,8 @@ def test_the_text_of_a_factor_says_what_its_code_does(quantity: str) -> None:
         if term.kind == PRODUCT:
             v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
         heading = math.atan2(vy, vx)
-        found = factor_value(float(term.kind), *numbers, v, x, y, heading, wz, first, second)
+        row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0)
+        found = factor_value(row, FactorArguments(v, x, y, heading, wz, first, second))
         if term.only is not None and variables[term.only[0]] != term.only[1]:
             found = 0.0
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
