@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.analytic.geometry import TableGeometry
-from models.compiled import compiled, compiled_within
+from models.compiled import compiled, compiled_in_place, compiled_within
 from models.engine.impacts import deliver
 from models.engine.loop import ROW_SIZE, play_shot
 from models.engine.play import MAX_EVENTS, Layout, over_threads
@@ -106,6 +106,18 @@ class ResidualRows(NamedTuple):
     out: Array  # (k, size) residuals over their standard deviations
     faults: Index  # (k,) 0 where a row could be played
     ends: Array  # (k, b, 7), or of no rows, as in `residuals`
+
+
+class RowArrays(NamedTuple):
+    """Arrays that a row of at most b balls and m stamps is played in; no events are logged."""
+
+    start: Array  # (b, ROW_SIZE)
+    track: Array  # (m, b, ROW_SIZE)
+    cue: Array  # (STROKE_FIELDS,)
+    log: Array  # (0,) as the next ones in `ShotLog`
+    who: Index
+    counts: Index
+    potted: NDArray[np.bool_]  # (b,)
 
 
 @dataclass(frozen=True)
@@ -262,18 +274,41 @@ def _write_row(out, w, seen, position, track, samples, weighting):  # type: igno
         to += 3 * count[i]
 
 
+@compiled_in_place
+def _play_row(work, game, samples, arrays, row, w, looked):  # type: ignore[no-untyped-def]
+    """Play row number `row` of a shot w from `arrays.start`, sampled at the times `looked` into `arrays.track`.
+
+    A function of its own, which counts none of the arrays that it puts together: see `compiled_in_place`.
+    """
+    hooks, cloth, pockets, limits, half, mass, radii = game
+    n, radius, start, own = samples.balls[w], radii[row], arrays.start, hooks.own[row].ctypes.data
+    launch = 0.0
+    if samples.struck[w]:
+        launch = deliver(start[0, 2:4], start[0, 4:7], own, hooks.strike, radius, mass, arrays.cue)
+    geometry = TableGeometry(radius, limits[row], half[row], pockets.ends, pockets.jaws, pockets.falls)
+    forces = Forces(own, hooks.forces, hooks.support)
+    laws = ShotLaws(forces, hooks.horizon, hooks.impact, cloth[row], mass, samples.session[w], launch)
+    track, potted = arrays.track[: looked.size, :n], arrays.potted[:n]
+    record = ShotLog(looked, track, arrays.log, arrays.who, arrays.counts, potted, work.cursor)
+    options = Options(looked[looked.size - 1], MAX_EVENTS, True)
+    play_shot(work, start[:n], samples.stays[w, :n], geometry, laws, options, record)
+
+
 @compiled
 def residual_rows(first, last, states, samples, weighting, game, rows):  # type: ignore[no-untyped-def]
     """Residuals of rows number `first` to `last` of `StateRows`, into `ResidualRows`; see `residuals`."""
     (x, which), (out, faults, ends) = states, rows
-    hooks, cloth, pockets, limits, half, mass, radius = game
-    observe, exposures, rest, stays = hooks.observe, hooks.exposures, samples.rest, samples.stays
+    hooks, radius = game.hooks, game.radius
+    observe, exposures, rest = hooks.observe, hooks.exposures, samples.rest
     stamps, begun, session = samples.stamps, samples.begun, samples.session
     most = rest.shape[1]
     track = np.zeros((stamps.shape[1], most, ROW_SIZE))
     position, velocity = np.zeros((stamps.shape[1], most, 2)), np.zeros((stamps.shape[1], most, 2))
-    log, who, counts, potted = np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64), np.zeros(most, np.bool_)
-    start, place, cue = np.zeros((most, ROW_SIZE)), np.zeros((most, 2)), np.zeros(STROKE_FIELDS)
+    start, place = np.zeros((most, ROW_SIZE)), np.zeros((most, 2))
+    arrays = RowArrays(
+        start, track, np.zeros(STROKE_FIELDS), np.zeros(0), np.zeros((0, 3), np.int64), np.zeros(4, np.int64),
+        np.zeros(most, np.bool_),
+    )  # fmt: skip
     curved = hooks.forces.shape[0] > 0
     size, work = most, workspace(most, curved)
     for row in range(first, last):
@@ -288,9 +323,6 @@ def residual_rows(first, last, states, samples, weighting, game, rows):  # type:
         for i in range(1, n):
             start[i, 0], start[i, 1] = place[i, 0], place[i, 1]
         _lay_moving(start, u, most, samples.moving[w], radius[row])
-        launch = 0.0
-        if samples.struck[w]:
-            launch = deliver(start[0, 2:4], start[0, 4:7], here, hooks.strike, radius[row], mass, cue)
         seen = stamps_until(stamps[w], weighting.horizon[w])
         if seen == 0:
             continue
@@ -308,12 +340,9 @@ def residual_rows(first, last, states, samples, weighting, game, rows):  # type:
                 continue
         if n != size:
             size, work = n, workspace(n, curved)
-        geometry = TableGeometry(radius[row], limits[row], half[row], pockets.ends, pockets.jaws, pockets.falls)
-        forces = Forces(here, hooks.forces, hooks.support)
-        laws = ShotLaws(forces, hooks.horizon, hooks.impact, cloth[row], mass, session[w], launch)
-        written = ShotLog(looked, track[:seen, :n], log, who, counts, potted[:n], work.cursor)
-        # Where the engine ends a shot early, its balls stay where they were.
-        play_shot(work, start[:n], stays[w, :n], geometry, laws, Options(looked[seen - 1], MAX_EVENTS, True), written)
+        _play_row(
+            work, game, samples, arrays, row, w, looked
+        )  # where the engine ends early, balls stay where they were
         if ends.shape[0] > 0:
             ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, seen, n, position, velocity)

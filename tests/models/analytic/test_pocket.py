@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from models.analytic.events import in_mouth
+from models.analytic.geometry import TableGeometry
 from models.analytic.pocket import JAW_RAILS, outward, pockets_of, rail_of, straight
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
@@ -243,7 +244,7 @@ def test_straight_cushions_are_met_where_they_are(along: float, deep: float, v: 
     if (deep > -1e-6 and along <= end + 1e-6) or abs(deep) < 1e-6:
         return
     p = np.array([along, REACH[1] + deep])
-    t = float(straight(2, REACH, p, np.array(v), np.array(a), HALF, POCKETS.ends, h))
+    t = float(straight(2, TableGeometry(R, REACH, HALF, *POCKETS), p, np.array(v), np.array(a), h))
     grid = np.linspace(0, min(t, h), 4001)
     x, y = (p[k] + v[k] * grid + 0.5 * a[k] * grid**2 for k in range(2))
     passes = np.flatnonzero((y[:-1] < REACH[1] - 1e-9) & (y[1:] > REACH[1] + 1e-9))

@@ -141,13 +141,8 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
 
 def values_of(shape: Shape, values: dict[str, float]) -> list[float]:
     """Factors of terms for a ball, or an impact."""
-    return [
-        factor_value(
-            TermRow(0.0, 0.0, float(t.kind), *t.constants, 0.0, 0.0),
-            FactorArguments(values[VARIABLES[int(t.constants[0])]], *[0.0] * 6),
-        )
-        for t in shape
-    ]
+    rows = [TermRow(0.0, 0.0, float(t.kind), *t.constants, 0.0, 0.0) for t in shape]
+    return [factor_value(row, FactorArguments(values[VARIABLES[int(row.a)]], *[0.0] * 6)) for row in rows]
 
 
 @pytest.mark.parametrize("intervals", [4, 8, 16])
@@ -230,9 +225,8 @@ def test_the_text_of_a_factor_says_what_its_code_does(quantity: str) -> None:
         v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT or term.kind == BEND else 0.0
         if term.kind == PRODUCT:
             v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
-        heading = math.atan2(vy, vx)
         row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0)
-        found = factor_value(row, FactorArguments(v, x, y, heading, wz, first, second))
+        found = factor_value(row, FactorArguments(v, x, y, math.atan2(vy, vx), wz, first, second))
         if term.only is not None and variables[term.only[0]] != term.only[1]:
             found = 0.0
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
