@@ -29,6 +29,7 @@ from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, Noise, difference_noi
 from sysid.vision.tracks.picks import UNEVEN_SD, seem_uneven
 from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.places import PlaceError, place_error
+from sysid.vision.tracks.retrace import Retracer
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import marked
@@ -129,6 +130,11 @@ def _followed(
     """Detect and follow all balls; the times of frames may be wrong, with a standard deviation `time_sd` [s]."""
     counts = counts if detector.palette is None else {ANY_BALL: sum(counts.values())}
     follower = Follower(camera, counts, time_sd=time_sd)
+
+    def find(frame: Frame, expected: Sequence[Expected], full_search: bool) -> list[Detection]:
+        return _detect(detector, frame.picture, expected, shutter, full_search)
+
+    retracer = Retracer(follower, find)
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
     last_full_search, previous, standing = -math.inf, None, CameraWatch(camera)
@@ -143,11 +149,13 @@ def _followed(
         period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
         expected = follower.expected(frame.time, period)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        seen = _detect(detector, frame.picture, expected, shutter, full_search)
+        seen = find(frame, expected, full_search)
         if previous is not None:
             turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
+        retracer.begin()
         follower.update(frame.index, frame.time, seen)
+        retracer.end(frame, period)
         if watch is not None:
             watch(frame, seen)
         previous = frame.picture
@@ -156,6 +164,8 @@ def _followed(
             reported, rate = now, len(frames) / (now - began)
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {counted(follower.in_sight, 'ball')} in sight")
+    if frames:
+        retracer.finish(period)
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
     return _Followed(
         follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate, standing
