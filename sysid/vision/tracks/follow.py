@@ -189,8 +189,8 @@ class Follower:
 
     @property
     def settled(self) -> bool:
-        """Whether no confirmed ball was missed in the last frames, or has jumped to where it is not confirmed yet."""
-        return not self.seeking and all(ball.before_jump is None for ball in self.balls if ball.confirmed)
+        """Whether no ball was missed in the last frames, and none has yet to be confirmed where it is."""
+        return not self.seeking and all(ball.confirmed and ball.before_jump is None for ball in self.balls)
 
     @property
     def in_sight(self) -> int:

@@ -94,10 +94,14 @@ class Retracer:
             self._join(now, self._followed_back(now, period))
 
     def _may_exchange(self) -> bool:
-        """Whether a ball has jumped in the last frame, and another of its name jumped or was missed."""
-        jumped = Counter(p.ball.name for p in self._before if p.ball.before_jump and p.ball.streak == 1)
-        missed = Counter(p.ball.name for p in self._before if p.ball.missed == 1)
-        return any(count + missed[name] > 1 for name, count in jumped.items())
+        """Whether a ball jumped in the last frame, or was hit and missed, and another of its name may have been hit."""
+        lost, hit = Counter[str](), Counter[str]()
+        for ball in (past.ball for past in self._before):
+            lost[ball.name] += (ball.before_jump is not None and ball.streak == 1) or (
+                ball.impact is not None and ball.missed == 1
+            )
+            hit[ball.name] += ball.impact is not None and not ball.missed and ball.before_jump is None
+        return any(count and count + hit[name] > 1 for name, count in lost.items())
 
     def _followed_back(self, now: Sequence[FollowedBall], period: float) -> list[FollowedBall]:
         """The balls that are seen now, followed back to the event in a time that runs backwards."""
