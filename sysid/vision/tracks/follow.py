@@ -7,7 +7,8 @@ those of balls of one name together (Hungarian assignment).
 
 A jump is confirmed by further detections; until then the state before it is stored, and restored if that explains them
 better. A new ball is confirmed in the same manner, and continues the track of a lost ball of its name if there is one.
-No position is made up where a ball was not detected.
+Where several balls were hit at once, retrace.py joins their tracks anew. No position is made up where a ball was not
+detected.
 """
 
 from __future__ import annotations
