@@ -17,7 +17,16 @@ import numpy as np
 
 from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import motion_blurred
-from sysid.vision.balls.cover import DiscFit, acceptable, cover_sd, covered, fit_disc, is_white, swept_share
+from sysid.vision.balls.cover import (
+    DiscFit,
+    acceptable,
+    cover_sd,
+    covered,
+    fit_disc,
+    is_white,
+    swept_share,
+    without_table,
+)
 from sysid.vision.balls.intruders import is_part
 from sysid.vision.balls.packs import Searched, apart, disc_at, searched, together, with_packs
 from sysid.vision.balls.palette import colour_distance
@@ -325,5 +334,5 @@ def core_colour(view: View, fit: DiscFit) -> Array:
     core = x * x + y * y < radius**2
     if not core.any():
         return np.full(3, np.nan)
-    share = (fit.gain * swept_share(x[core], y[core], fit.radius, fit.motion)).clip(0.2, 1.0)[:, None]
-    return np.asarray(np.median((window[core] - (1 - share) * table[core]) / share, axis=0).clip(0, 255))
+    share = fit.gain * swept_share(x[core], y[core], fit.radius, fit.motion)
+    return np.asarray(np.median(without_table(window[core], table[core], share), axis=0).clip(0, 255))

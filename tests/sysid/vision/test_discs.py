@@ -201,6 +201,30 @@ def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
     assert np.hypot(*(fit.xy - places[0])) < 0.1 * radius
 
 
+@pytest.mark.parametrize("radii", [0.8, 2.5])
+@pytest.mark.slow
+def test_how_far_a_ball_of_several_colours_moves_is_seen(shot: Shot, radii: float) -> None:
+    """Its mixed rim was taken for its colours, so that one at rest explained every picture best."""
+    _, _, detector, _ = shot
+    h, w = detector.background.picture.shape[:2]
+    at, radius = np.array([w / 2 - 40.3, h / 2 + 30.6]), float(CAMERA.radius_px(np.zeros((1, 2)))[0])
+    motion = radii * radius * np.array([0.8, 0.6])
+    y, x = np.mgrid[:h, :w]
+    picture = np.zeros((h, w, 3))
+    for u, v in (at + s * motion for s in np.linspace(-0.5, 0.5, 57)):
+        share = np.clip(radius - np.hypot(x - u, y - v) + 0.5, 0, 1)[..., None]
+        stripe = np.where((np.abs(y - v - 0.2 * (x - u)) < 0.4 * radius)[..., None], (30.0, 40.0, 200.0), 235.0)
+        picture += ((1 - share) * detector.background.picture + share * stripe) / 57
+    view = detector.background.view(picture.clip(0, 255).astype(np.uint8))
+    parts = (0.0, 0.5, 1.0, 1.5)
+    start = at + np.array([2.0, -1.0])
+    fits = [fit_disc(view, None, start, radius, part * motion) for part in parts]
+    misfits = [np.inf if fit is None else fit.misfit for fit in fits]
+    assert parts[int(np.argmin(misfits))] == 1.0
+    assert fits[2] is not None
+    assert np.hypot(*(fits[2].xy - at)) < 0.5
+
+
 @pytest.mark.parametrize("gain", [1.0, 3.0])
 @pytest.mark.slow
 def test_a_ball_with_the_cue_still_at_it_is_found_where_it_is(shot: Shot, gain: float) -> None:
