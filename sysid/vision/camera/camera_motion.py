@@ -2,13 +2,13 @@
 
 In: a picture and its camera. Out: brightness across the noses at places along each side, which the camera file keeps.
 In another picture each of these profiles is found again, somewhat farther out or in (normalised correlation), and the
-pose is fitted to where. Hands, balls and cues cover some of the places only, and do not agree on one pose.
+pose is fitted to where. Hands, balls and cues cover some of the places only, and do not agree on one pose. Pictures of
+a film are then laid where they would be if the camera stood still.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import cv2
@@ -19,7 +19,7 @@ from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.pose import fit_camera
 from sysid.vision.camera.projection import SIDE_PROFILES, Array, Camera
-from sysid.vision.frames import Picture
+from sysid.vision.frames import Frame, Picture
 
 # Places between diamonds, which are at eighths, and away from pockets; in lengths of a side.
 PLACES = np.array([5, 7, 9, 11, 13, 19, 21, 23, 25, 27]) / 32
@@ -41,8 +41,7 @@ MIN_SHIFT_M, MIN_SHIFT_PX = 0.15e-3, 0.1  # of the middle one of the places, bel
 SETTLED_M = 1e-3  # of the pose found: farther off, the profiles are looked for once more, from there
 ROUNDS = 4  # of this, at most
 MAX_FOLLOWED_M = 0.03  # by which a camera may have moved since it was calibrated, rms over the table,
-MAX_MOVED_M, MAX_MOVED_PX = 1.5e-3, 0.8  # and within a film, by the greater of both
-WATCH_INTERVAL_S = 0.5  # between two pictures that are compared
+MAX_UNSEEN_M, MAX_UNSEEN_PX = 1.5e-3, 0.8  # and within a film while the sides are hidden, by the greater of both
 
 
 class SideView:
@@ -113,40 +112,52 @@ def _can_tell(shows: NDArray[np.bool_]) -> bool:
     return bool(shows.sum() >= MIN_PLACES and (shows.reshape(4, -1).sum(axis=1) >= MIN_SIDE).sum() >= 3)
 
 
-class CameraWatch:
-    """Looks now and then whether the camera of a film still stands where it does in most of it."""
+class SteadyView:
+    """Lays a film's pictures where its camera would have them if it stood where it does in most of the film.
+
+    A mount that sways, a stabiliser or a converter of fields move the whole picture, often by a pixel back and forth.
+    """
 
     def __init__(self, camera: Camera) -> None:
         """Of a camera as `standing` returns it."""
-        self._camera = camera
+        self._camera = self._last = camera
         self._view = None if camera.sides is None else SideView(camera, camera.sides)
-        self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * camera.pixel)
-        self._looked = -math.inf  # when [s]
-        self.looks: list[tuple[float, float]] = []  # when [s], and how far it stands elsewhere: rms over the table [m]
+        self._limit = max(MAX_UNSEEN_M, MAX_UNSEEN_PX * camera.pixel)
+        half = np.array([camera.table.length, camera.table.width]) / 2
+        self._corners = np.column_stack([[(1, 1), (1, -1), (-1, -1), (-1, 1)] * half, np.full(4, camera.radius)])
+        self._cameras: dict[int, Camera] = {}  # of every frame: where it was taken; unseen, as the one before
+        self._seen: list[int] = []  # frames in which the sides were found
 
-    def see(self, picture: Picture, time: float) -> None:
-        """The picture taken at a time [s]."""
-        if self._view is None or time - self._looked < WATCH_INTERVAL_S:
-            return
-        self._looked = time
-        found = self._view.camera_in([picture])
-        if found is not None:
-            self.looks.append((time, apart(self._camera, found)))
-
-    def moved_by(self, begins: float, ends: float) -> float:
-        """How far the camera moves in a span of time [s], rms over the table [m]; 0 where it stays.
-
-        Two looks in a row must say so, if there are two: what covers a side for a moment moves no camera.
-        """
-        by = [math.inf, *(by for _, by in self.looks), math.inf]
-        return max(
-            (
-                far for k, (time, far) in enumerate(self.looks)
-                if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S
-                and min(far, max(by[k], by[k + 2])) > self._limit
-            ),
-            default=0.0,
+    def steady(self, frame: Frame) -> Frame:
+        """The frame as the camera would show it from its usual place."""
+        if self._view is None:
+            return frame
+        if frame.index not in self._cameras:
+            found = self._view.camera_in([frame.picture])
+            if found is not None:
+                self._last = found
+                self._seen.append(frame.index)
+            self._cameras[frame.index] = self._last
+        there = self._cameras[frame.index]
+        if there is self._camera:
+            return frame
+        usual, now = (camera.project(self._corners).astype(np.float32) for camera in (self._camera, there))
+        picture = cv2.warpPerspective(
+            frame.picture, cv2.getPerspectiveTransform(usual, now), self._camera.size,
+            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
+        return dataclasses.replace(frame, picture=np.asarray(picture, np.uint8))
+
+    def moved_unseen(self, first: int, last: int) -> float:
+        """How far the camera moves between two frames while too little of the sides is seen: rms over the table [m].
+
+        0 where it stays, or is seen in all frames.
+        """
+        seen = np.array(self._seen, int)
+        hidden = (np.diff(seen) > 1) & (seen[:-1] < last) & (seen[1:] > first)
+        ends = [(self._cameras[seen[k]], self._cameras[seen[k + 1]]) for k in np.flatnonzero(hidden)]
+        far = max((apart(before, after) for before, after in ends if before is not after), default=0.0)
+        return far if far > self._limit else 0.0
 
 
 def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple[str, ...]]:

@@ -20,7 +20,7 @@ from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.faces import ANY_BALL
-from sysid.vision.camera.camera_motion import CameraWatch
+from sysid.vision.camera.camera_motion import SteadyView
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
@@ -95,17 +95,15 @@ def track(
     followed, names = named(found.tracks, footage, detector)
     timed = set_right(TimedTracks(followed, found.frames, found.times), found.twice, camera)
     result = tracked(timed.tracks, timed.frames, timed.times, camera, found.rate)
-    result = replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
-    return _while_standing(result, found)
+    return replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
 
 
-def _while_standing(result: Tracked, found: _Followed) -> Tracked:
-    """The result without the shots during which the camera stands elsewhere, as pictures of these stamps show."""
-    scene = result.scene
-    ends = [found.times[np.searchsorted(found.frames, [shot.first, shot.last])] for shot in result.shots]
-    moved = [found.standing.moved_by(*span) for span in ends]
+def while_steady(result: Tracked, view: SteadyView) -> Tracked:
+    """The result without the shots during which the camera moves unseen."""
+    moved = [view.moved_unseen(shot.first, shot.last) for shot in result.shots]
     left_out = [
-        f"{_moment(scene, shot.time)}: the camera is {1e3 * by:.1f} mm from its place in most of the film: left out"
+        f"{_moment(result.scene, shot.time)}: the camera moves by {1e3 * by:.1f} mm while the cushions are hidden: "
+        "left out"
         for shot, by in zip(result.shots, moved, strict=True) if by
     ]  # fmt: skip
     return replace(without_shots(result, [by > 0 for by in moved]), left_out=(*result.left_out, *left_out))
@@ -120,7 +118,6 @@ class _Followed:
     times: Array  # (m,) by stamps [s]
     twice: NDArray[np.bool_]  # (m,) which show the picture before once more
     rate: float  # [frames/s]
-    standing: CameraWatch
 
 
 def _followed(
@@ -137,14 +134,13 @@ def _followed(
     retracer = Retracer(follower, find)
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
-    last_full_search, previous, standing = -math.inf, None, CameraWatch(camera)
+    last_full_search, previous = -math.inf, None
     for frame, again in ahead(marked(footage)):
         frames.append(frame.index)
         times.append(frame.time)
         twice.append(again)
         if again:
             continue
-        standing.see(frame.picture, frame.time)
         # A given exposure is a part of the time between frames; one that is estimated, of that between pictures.
         period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
         expected = follower.expected(frame.time, period)
@@ -167,9 +163,7 @@ def _followed(
     if frames:
         retracer.finish(period)
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    return _Followed(
-        follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate, standing
-    )
+    return _Followed(follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate)
 
 
 def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: float) -> float:
