@@ -15,6 +15,7 @@ from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import Expected, Shutter, is_clear, known_disc, near_disc
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
+from sysid.vision.balls.sweeps import strips
 from sysid.vision.frames import Picture, open_footage
 from sysid.vision.tracks.track import Tracked, track
 from tests.footage.film import Look, film
@@ -199,6 +200,16 @@ def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
     fit = sought(view, None, places[0] - [0.75 * radius, 0.0], np.zeros(2), Shutter(0.0))
     assert fit is not None
     assert np.hypot(*(fit.xy - places[0])) < 0.1 * radius
+
+
+@pytest.mark.slow
+def test_nothing_is_seen_out_of_the_picture(shot: Shot) -> None:
+    """A ball that was expected there ended the tracking."""
+    _, pictures, detector, _ = shot
+    view = detector.background.view(pictures[0])
+    other = DiscFit(np.array([40.0, 40.0]), 10.0, np.zeros(2), 1.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+    for out in ([-200.0, 40.0], [3000.0, 40.0], [40.0, -200.0], [40.0, 3000.0]):
+        assert strips(view, None, np.array(out), 10.0, 60.0, [other]) == []
 
 
 @pytest.mark.parametrize("radii", [0.8, 2.5])
