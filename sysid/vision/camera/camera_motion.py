@@ -56,11 +56,18 @@ class SideView:
 
     def camera_in(self, pictures: Sequence[Picture]) -> Camera | None:
         """The camera where it stands in most of some pictures; None where too little of the sides is found."""
+        return self.look(pictures)[0]
+
+    def look(self, pictures: Sequence[Picture]) -> tuple[Camera | None, bool]:
+        """See `camera_in`; and whether any side of the table is found: where none is, pictures show another view."""
         out, likeness = self._found(_light(pictures, self._lines))
-        xy, rails = _places(self._camera)
         good = likeness >= MIN_LIKENESS
-        if not self._enough(good):
-            return None
+        sides = self._sides(good)
+        return (self._there(out, good) if self._enough(good) else None), bool(sides.any()) or not sides.size
+
+    def _there(self, out: Array, good: NDArray[np.bool_]) -> Camera | None:
+        """The camera from how far out its profiles (places,) are found."""
+        xy, rails = _places(self._camera)
         if np.median(np.abs(out[good])) < max(MIN_SHIFT_M, MIN_SHIFT_PX * self._camera.pixel):
             return self._camera
         axis, sign = rails // 2, 1.0 - 2.0 * (rails % 2)
@@ -70,11 +77,15 @@ class SideView:
         good[good] = fit.kept
         return fit.camera if self._enough(good) and fit.reprojection_error < MAX_RESIDUAL_PX else None
 
+    def _sides(self, found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether enough of the places (places,) are found on each side that shows something."""
+        shows, found = self._shows.reshape(4, -1).sum(axis=1), found.reshape(4, -1).sum(axis=1)
+        return np.asarray((found >= MIN_FOUND_SIDE * shows)[shows >= MIN_SIDE])
+
     def _enough(self, found: NDArray[np.bool_]) -> bool:
         """Whether so many of the places (places,) are found that it is this table, seen by this camera."""
-        shows, found = self._shows.reshape(4, -1).sum(axis=1), found.reshape(4, -1).sum(axis=1)
-        sides = bool((found >= MIN_FOUND_SIDE * shows)[shows >= MIN_SIDE].all())
-        return sides and _can_tell(self._shows) and found.sum() >= MIN_FOUND * shows.sum()
+        few = found.sum() < MIN_FOUND * self._shows.sum()
+        return bool(self._sides(found).all()) and _can_tell(self._shows) and not few
 
     def _found(self, light: Array) -> tuple[Array, Array]:
         """How far out each profile is found (places,) [m], and its correlation there (places,); -1 for none."""
@@ -127,18 +138,22 @@ class SteadyView:
         self._corners = np.column_stack([[(1, 1), (1, -1), (-1, -1), (-1, 1)] * half, np.full(4, camera.radius)])
         self._cameras: dict[int, Camera] = {}  # of every frame: where it was taken; unseen, as the one before
         self._seen: list[int] = []  # frames in which the sides were found
+        self._elsewhere: set[int] = set()  # frames in which no side was
 
     def steady(self, frame: Frame) -> Frame:
         """The frame as the camera would show it from its usual place."""
         if self._view is None:
             return frame
         if frame.index not in self._cameras:
-            found = self._view.camera_in([frame.picture])
+            found, shows = self._view.look([frame.picture])
+            if not shows:
+                self._elsewhere.add(frame.index)
             if found is not None:
                 self._last = found
                 self._seen.append(frame.index)
             self._cameras[frame.index] = self._last
         there = self._cameras[frame.index]
+        frame = dataclasses.replace(frame, elsewhere=frame.index in self._elsewhere)
         if there is self._camera:
             return frame
         usual, now = (camera.project(self._corners).astype(np.float32) for camera in (self._camera, there))

@@ -157,6 +157,17 @@ def test_hands_do_not_move_the_pictures_of_a_film_and_a_bump_is_taken_out() -> N
     assert view.moved_unseen(0, 60) == 0.0
 
 
+def test_a_cut_to_another_view_is_known_by_its_lack_of_cushions_and_a_hand_is_none() -> None:
+    """A cut to the players, and one to the same table from closer."""
+    view, there = SteadyView(calibrated()), seen_by(TRUE)
+    noise = np.random.default_rng(0).integers(0, 255, (*there.shape[:2], 3), np.uint8)
+    players = cv2.GaussianBlur(noise, (0, 0), 12)
+    near = cv2.resize(there[60:320, 120:520], there.shape[1::-1])
+    pictures = (there, with_hand(there, (0.3, 0.4)), players, near, there)
+    frames = [view.steady(Frame(k, 0.1 * k, picture)) for k, picture in enumerate(pictures)]
+    assert [frame.elsewhere for frame in frames] == [False, False, True, True, False]
+
+
 def test_a_camera_that_is_bumped_while_the_cushions_are_hidden_is_noticed() -> None:
     pictures = list(film(TRUE, BALLS, np.arange(20) / FPS, LOOK))
     view = SteadyView(standing(calibrated(), pictures[::3])[0])
