@@ -26,12 +26,14 @@ from sysid.vision import track_report
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import Palette, palette_for
+from sysid.vision.camera.camera_motion import SteadyView
 from sysid.vision.camera.projection import Camera
 from sysid.vision.details import Details, details
 from sysid.vision.frames import Footage, Frame, open_footage
 from sysid.vision.preview import write_previews
+from sysid.vision.steady_footage import SteadyFootage
 from sysid.vision.tracks.clips import Extra, clip_set, note
-from sysid.vision.tracks.track import Tracked, track, without_shots
+from sysid.vision.tracks.track import Tracked, track, while_steady, without_shots
 
 if TYPE_CHECKING:
     from models.recording.viewer import Feed
@@ -133,12 +135,13 @@ def track_footage(
     """The same of footage that is open, of the camera's size; without running clips where they are not wanted."""
     palette = taken.palette
     detector = learn_detector(taken.camera, footage, palette, progress)
-    camera = detector.camera
+    camera, view = detector.camera, SteadyView(detector.camera)
+    footage = SteadyFootage(footage, view)
     shutter = Shutter(None if taken.exposure is None else min(taken.exposure * footage.fps, 1.0))
     counts = dict(zip(palette.names, palette.counts, strict=True))
     live = None if feed is None else LiveTrack(feed, Path(footage.name).name, camera.table, camera.diameter)
     watch = None if live is None else partial(_show, live, camera)
-    result = track(footage, camera, detector, counts, progress, shutter, watch)
+    result = while_steady(track(footage, camera, detector, counts, progress, shutter, watch), view)
     if live is not None:
         for number, shot in enumerate(result.shots, 1):
             live.said(result.scene.time_of(shot.last), note(number, shot))

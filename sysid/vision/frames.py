@@ -47,6 +47,7 @@ class Frame:
     index: int
     time: float
     picture: Picture
+    elsewhere: bool = False  # whether it shows another view than the film's camera has of the table, after a cut
 
 
 @dataclass(frozen=True)

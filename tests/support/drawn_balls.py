@@ -63,11 +63,11 @@ def shown(
     return list(film(camera, motion, times[:k], look, seed))
 
 
-def footage_of(folder: Path, pictures: Sequence[Picture]) -> Footage:
+def footage_of(folder: Path, pictures: Sequence[Picture], fps: float = 100.0) -> Footage:
     folder.mkdir(exist_ok=True)
     for k, picture in enumerate(pictures):
         cv2.imwrite(str(folder / f"{k:04d}.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return open_footage(folder, fps=100.0)
+    return open_footage(folder, fps)
 
 
 def learnt(folder: Path, camera: Camera, pictures: Sequence[Picture]) -> Detector:

@@ -4,12 +4,12 @@ In: a picture beside the background, and the colour of a ball, or None for one o
 `DiscFit`. A pixel is taken as p T + a B, where T is the table there, B the colour of the ball, a the cover and p what
 of the table is seen: 1 - a, and less in shadows, which darken the table without covering it. Both follow by least
 squares over the three colours, with p + a = 1 as a prior. A ball of several colours is first fitted to what is not the
-table, then to its cover by the colours that it shows just within its rim. A ball that moves by m during the exposure
-covers (1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a blurred rim, so that cover
-stays linear in time where brightness is. A ball brighter by a gain g than the picture can show covers g times as much,
-at most all: its sweep is as clear as a ball at rest. Light from the side makes one half of a ball brighter, as if more
-of it were covered there: cover in the disc rises linearly across it, by as much as fits best. A white ball that is
-clipped shows no such shading.
+table, then to its cover by the colours that it shows just within its rim, where it is all through the exposure. A ball
+that moves by m meanwhile covers (1 / |m|) integral of D(x - c - s m) ds over s in [-1/2, 1/2], D the disc with a
+blurred rim, so that cover stays linear in time where brightness is. A ball brighter by a gain g than the picture can
+show covers g times as much, at most all: its sweep is as clear as a ball at rest. Light from the side makes one half of
+a ball brighter, as if more of it were covered there: cover in the disc rises linearly across it, by as much as fits
+best. A white ball that is clipped shows no such shading.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ COVER_LIMITS = (-0.2, 1.1)
 DEEPEST_SHADE = 0.65  # of the table's light, that a shadow leaves; what is darker is no table
 NO_TABLE_GREY = 40.0  # from the colour of the shaded table, from which on a pixel is no table at all [grey levels]
 SKIN_PX = 1.5  # below the rim, where a ball of several colours shows those of the rim
+MIN_SHARE = 0.2  # of a pixel that shows a ball's colour: noise is that of the picture over it
 SURROUND_PX = 6.0  # beyond the disc that take part in a fit
 STEPS = 60  # of least squares, at most: far from the ball only its rim pulls a disc, by half a pixel a step
 MAX_FITS = 6  # of a disc, each with the window around the place that the last one found,
@@ -125,17 +126,34 @@ def covered(window: Image, table: Image, colour: Array | None) -> Image:
     return not_table(window, table) if colour is None else cover(window, table, colour)
 
 
-def _own_colours(window: Image, centre: Array, radius: float, motion: Array) -> Image:
-    """Colours (rows, columns, 3) of a ball around a pixel (2,): those that it shows, and beyond its rim those of it."""
+def _own_colours(window: Image, table: Image, centre: Array, radius: float, motion: Array) -> Image:
+    """Colours (rows, columns, 3) of a ball around a pixel (2,): those that it shows, and beyond its rim those of it.
+
+    Of a moving ball those of pixels that it covers throughout the exposure, or the longest, less the table there.
+    """
     rows, columns = window.shape[:2]
     y, x = np.mgrid[:rows, :columns].astype(np.float32)
     u, v = x - centre[0], y - centre[1]
-    length = math.hypot(*motion) + 1e-9
-    along = ((u * motion[0] + v * motion[1]) / length).clip(-length / 2, length / 2) / length
-    u, v = u - along * motion[0], v - along * motion[1]
-    pull = 1.0 - np.minimum(1.0, max(radius - SKIN_PX, 1.0) / np.maximum(np.hypot(u, v), 1e-6))
-    x, y = (x - pull * u).astype(np.float32), (y - pull * v).astype(np.float32)
-    return np.asarray(cv2.remap(window, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    length, inner = math.hypot(*motion), max(radius - SKIN_PX, 1.0)
+    way = np.asarray(motion) / length if length else np.array([1.0, 0.0])
+    along, across = u * way[0] + v * way[1], v * way[0] - u * way[1]
+    # Within the discs at both ends of its motion.
+    beyond = np.abs(along) + length / 2
+    pull = np.minimum(1.0, inner / np.maximum(np.hypot(beyond, across), 1e-6))
+    along, across = np.sign(along) * np.maximum(pull * beyond - length / 2, 0.0), pull * across
+    x = (centre[0] + along * way[0] - across * way[1]).astype(np.float32)
+    y = (centre[1] + along * way[1] + across * way[0]).astype(np.float32)
+    shown, bed = (cv2.remap(v, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for v in (window, table))
+    if length < 2 * inner:
+        return np.asarray(shown)
+    share = swept_share((x - centre[0]).ravel(), (y - centre[1]).ravel(), radius, motion).reshape(rows, columns)
+    return np.asarray(without_table(shown, bed, share), np.float32)
+
+
+def without_table(shown: Array | Image, table: Array | Image, share: Array) -> Array:
+    """Colours (..., 3) of a ball that covers a share (...) of what is shown (..., 3), beside the table (..., 3)."""
+    share = share.clip(MIN_SHARE, 1.0)[..., None]
+    return np.asarray((shown - (1 - share) * table) / share)
 
 
 def swept_share(x: Array, y: Array, radius: float, motion: Array) -> Array:
@@ -200,7 +218,7 @@ def _fit_around(
     seen = _left(covered(window, table, colour), taken)
     fit = _settled(seen, corner, start, radius, motion, gain, shading_sd, steps)
     if fit is not None and colour is None:
-        own = _own_colours(window, fit.xy - corner, min(radius, fit.radius), motion)
+        own = _own_colours(window, table, fit.xy - corner, min(radius, fit.radius), motion)
         seen = _left(cover(window, table, own), taken)
         fit = _settled(seen, corner, fit.xy, radius, motion, gain, shading_sd, steps)
     return fit

@@ -41,8 +41,13 @@ class Strip(NamedTuple):
 def strips(
     view: View, colour: Array | None, origin: Array, radius: float, search_radius: float, taken: Sequence[DiscFit]
 ) -> list[Strip]:  # fmt: skip
-    """Strips of a colour (3,) from a pixel (2,) on, within `search_radius` [pixels] of it, the clearest first."""
+    """Strips of a colour (3,) from a pixel (2,) on, within `search_radius` [pixels] of it, the clearest first.
+
+    None where that is wholly out of the picture.
+    """
     shown, corner = _shown(view, colour, origin, search_radius + 2 * radius, radius, taken)
+    if not shown.size:
+        return []
     angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
     along = np.arange(1, math.ceil(STEPS_PER_RADIUS * search_radius / radius) + 1) * radius / STEPS_PER_RADIUS
     score = _on(shown, origin - corner, angles, along, radius, ACROSS_RADII).min(axis=0)
@@ -73,7 +78,7 @@ def _shown(
     x0, y0 = (int(v) for v in corner)
     on_table = view.geometry.ball_region[y0 : y0 + window.shape[0], x0 : x0 + window.shape[1]]
     shown = np.where(on_table, covered(window, table, colour), np.float32(0.0))
-    for one in taken:
+    for one in taken if shown.size else ():
         ends = [tuple(np.rint(one.xy - corner + part * one.motion).astype(int).tolist()) for part in (-0.5, 0.5)]
         cv2.line(shown, ends[0], ends[1], 0.0, max(1, round(2 * TAKEN_RADII * radius)))
     return shown, corner

@@ -2,13 +2,13 @@
 
 In: a picture and its camera. Out: brightness across the noses at places along each side, which the camera file keeps.
 In another picture each of these profiles is found again, somewhat farther out or in (normalised correlation), and the
-pose is fitted to where. Hands, balls and cues cover some of the places only, and do not agree on one pose.
+pose is fitted to where. Hands, balls and cues cover some of the places only, and do not agree on one pose. Pictures of
+a film are then laid where they would be if the camera stood still.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import cv2
@@ -19,7 +19,7 @@ from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.pose import fit_camera
 from sysid.vision.camera.projection import SIDE_PROFILES, Array, Camera
-from sysid.vision.frames import Picture
+from sysid.vision.frames import Frame, Picture
 
 # Places between diamonds, which are at eighths, and away from pockets; in lengths of a side.
 PLACES = np.array([5, 7, 9, 11, 13, 19, 21, 23, 25, 27]) / 32
@@ -41,8 +41,7 @@ MIN_SHIFT_M, MIN_SHIFT_PX = 0.15e-3, 0.1  # of the middle one of the places, bel
 SETTLED_M = 1e-3  # of the pose found: farther off, the profiles are looked for once more, from there
 ROUNDS = 4  # of this, at most
 MAX_FOLLOWED_M = 0.03  # by which a camera may have moved since it was calibrated, rms over the table,
-MAX_MOVED_M, MAX_MOVED_PX = 1.5e-3, 0.8  # and within a film, by the greater of both
-WATCH_INTERVAL_S = 0.5  # between two pictures that are compared
+MAX_UNSEEN_M, MAX_UNSEEN_PX = 1.5e-3, 0.8  # and within a film while the sides are hidden, by the greater of both
 
 
 class SideView:
@@ -57,11 +56,18 @@ class SideView:
 
     def camera_in(self, pictures: Sequence[Picture]) -> Camera | None:
         """The camera where it stands in most of some pictures; None where too little of the sides is found."""
+        return self.look(pictures)[0]
+
+    def look(self, pictures: Sequence[Picture]) -> tuple[Camera | None, bool]:
+        """See `camera_in`; and whether any side of the table is found: where none is, pictures show another view."""
         out, likeness = self._found(_light(pictures, self._lines))
-        xy, rails = _places(self._camera)
         good = likeness >= MIN_LIKENESS
-        if not self._enough(good):
-            return None
+        sides = self._sides(good)
+        return (self._there(out, good) if self._enough(good) else None), bool(sides.any()) or not sides.size
+
+    def _there(self, out: Array, good: NDArray[np.bool_]) -> Camera | None:
+        """The camera from how far out its profiles (places,) are found."""
+        xy, rails = _places(self._camera)
         if np.median(np.abs(out[good])) < max(MIN_SHIFT_M, MIN_SHIFT_PX * self._camera.pixel):
             return self._camera
         axis, sign = rails // 2, 1.0 - 2.0 * (rails % 2)
@@ -71,11 +77,15 @@ class SideView:
         good[good] = fit.kept
         return fit.camera if self._enough(good) and fit.reprojection_error < MAX_RESIDUAL_PX else None
 
+    def _sides(self, found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether enough of the places (places,) are found on each side that shows something."""
+        shows, found = self._shows.reshape(4, -1).sum(axis=1), found.reshape(4, -1).sum(axis=1)
+        return np.asarray((found >= MIN_FOUND_SIDE * shows)[shows >= MIN_SIDE])
+
     def _enough(self, found: NDArray[np.bool_]) -> bool:
         """Whether so many of the places (places,) are found that it is this table, seen by this camera."""
-        shows, found = self._shows.reshape(4, -1).sum(axis=1), found.reshape(4, -1).sum(axis=1)
-        sides = bool((found >= MIN_FOUND_SIDE * shows)[shows >= MIN_SIDE].all())
-        return sides and _can_tell(self._shows) and found.sum() >= MIN_FOUND * shows.sum()
+        few = found.sum() < MIN_FOUND * self._shows.sum()
+        return bool(self._sides(found).all()) and _can_tell(self._shows) and not few
 
     def _found(self, light: Array) -> tuple[Array, Array]:
         """How far out each profile is found (places,) [m], and its correlation there (places,); -1 for none."""
@@ -113,40 +123,56 @@ def _can_tell(shows: NDArray[np.bool_]) -> bool:
     return bool(shows.sum() >= MIN_PLACES and (shows.reshape(4, -1).sum(axis=1) >= MIN_SIDE).sum() >= 3)
 
 
-class CameraWatch:
-    """Looks now and then whether the camera of a film still stands where it does in most of it."""
+class SteadyView:
+    """Lays a film's pictures where its camera would have them if it stood where it does in most of the film.
+
+    A mount that sways, a stabiliser or a converter of fields move the whole picture, often by a pixel back and forth.
+    """
 
     def __init__(self, camera: Camera) -> None:
         """Of a camera as `standing` returns it."""
-        self._camera = camera
+        self._camera = self._last = camera
         self._view = None if camera.sides is None else SideView(camera, camera.sides)
-        self._limit = max(MAX_MOVED_M, MAX_MOVED_PX * camera.pixel)
-        self._looked = -math.inf  # when [s]
-        self.looks: list[tuple[float, float]] = []  # when [s], and how far it stands elsewhere: rms over the table [m]
+        self._limit = max(MAX_UNSEEN_M, MAX_UNSEEN_PX * camera.pixel)
+        half = np.array([camera.table.length, camera.table.width]) / 2
+        self._corners = np.column_stack([[(1, 1), (1, -1), (-1, -1), (-1, 1)] * half, np.full(4, camera.radius)])
+        self._cameras: dict[int, Camera] = {}  # of every frame: where it was taken; unseen, as the one before
+        self._seen: list[int] = []  # frames in which the sides were found
+        self._elsewhere: set[int] = set()  # frames in which no side was
 
-    def see(self, picture: Picture, time: float) -> None:
-        """The picture taken at a time [s]."""
-        if self._view is None or time - self._looked < WATCH_INTERVAL_S:
-            return
-        self._looked = time
-        found = self._view.camera_in([picture])
-        if found is not None:
-            self.looks.append((time, apart(self._camera, found)))
-
-    def moved_by(self, begins: float, ends: float) -> float:
-        """How far the camera moves in a span of time [s], rms over the table [m]; 0 where it stays.
-
-        Two looks in a row must say so, if there are two: what covers a side for a moment moves no camera.
-        """
-        by = [math.inf, *(by for _, by in self.looks), math.inf]
-        return max(
-            (
-                far for k, (time, far) in enumerate(self.looks)
-                if begins - WATCH_INTERVAL_S < time < ends + WATCH_INTERVAL_S
-                and min(far, max(by[k], by[k + 2])) > self._limit
-            ),
-            default=0.0,
+    def steady(self, frame: Frame) -> Frame:
+        """The frame as the camera would show it from its usual place."""
+        if self._view is None:
+            return frame
+        if frame.index not in self._cameras:
+            found, shows = self._view.look([frame.picture])
+            if not shows:
+                self._elsewhere.add(frame.index)
+            if found is not None:
+                self._last = found
+                self._seen.append(frame.index)
+            self._cameras[frame.index] = self._last
+        there = self._cameras[frame.index]
+        frame = dataclasses.replace(frame, elsewhere=frame.index in self._elsewhere)
+        if there is self._camera:
+            return frame
+        usual, now = (camera.project(self._corners).astype(np.float32) for camera in (self._camera, there))
+        picture = cv2.warpPerspective(
+            frame.picture, cv2.getPerspectiveTransform(usual, now), self._camera.size,
+            flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
         )  # fmt: skip
+        return dataclasses.replace(frame, picture=np.asarray(picture, np.uint8))
+
+    def moved_unseen(self, first: int, last: int) -> float:
+        """How far the camera moves between two frames while too little of the sides is seen: rms over the table [m].
+
+        0 where it stays, or is seen in all frames.
+        """
+        seen = np.array(self._seen, int)
+        hidden = (np.diff(seen) > 1) & (seen[:-1] < last) & (seen[1:] > first)
+        ends = [(self._cameras[seen[k]], self._cameras[seen[k + 1]]) for k in np.flatnonzero(hidden)]
+        far = max((apart(before, after) for before, after in ends if before is not after), default=0.0)
+        return far if far > self._limit else 0.0
 
 
 def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple[str, ...]]:

@@ -7,7 +7,8 @@ those of balls of one name together (Hungarian assignment).
 
 A jump is confirmed by further detections; until then the state before it is stored, and restored if that explains them
 better. A new ball is confirmed in the same manner, and continues the track of a lost ball of its name if there is one.
-No position is made up where a ball was not detected.
+Where several balls were hit at once, retrace.py joins their tracks anew. No position is made up where a ball was not
+detected.
 """
 
 from __future__ import annotations
@@ -23,10 +24,9 @@ from scipy.optimize import linear_sum_assignment
 
 from models.shot import NOSE_COSINE
 from sysid.vision.balls.detect import Detection
-from sysid.vision.balls.discs import Expected
-from sysid.vision.balls.palette import colour_distance
+from sysid.vision.balls.discs import Expected, face_cost
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.tracks.prediction import State, predict_impacts
+from sysid.vision.tracks.prediction import MIN_MOVING_SPEED_M_S, State, predict_impacts
 
 MIN_DETECTION_SD_PX = 0.2  # added to the standard deviation that the detector estimates
 MAX_STRIKE_SPEED_M_S = 10.0  # speed of a ball after the fastest strikes [m/s]
@@ -43,10 +43,6 @@ MAX_MISSED_FRAMES = 2  # in a row, after which it is undone if unconfirmed
 MIN_TRACK_DETECTIONS = 10  # of a track that is returned
 UNCONFIRMED_HYPOTHESES = ("jump", "again")  # that need further detections
 MIN_SEPARATION_RADII = 1.2  # between the detections of two balls
-# Of a ball's colours about their mean, as it turns, in other light or under a hand (Cauchy). In ten films the median of
-# moving balls was 0.006 to 0.07, mostly 0.02 to 0.05; any scale from 0.02 to 0.1 gives nearly the same tracks, but not
-# of a break.
-FACE_COLOUR_SCALE = 0.03
 COLOUR_MEMORY = 0.1  # part of a detection in the mean colour
 CONVERSION_BATCH = 4000  # detections projected to the table at a time
 
@@ -65,6 +61,11 @@ class TrackPoint(NamedTuple):
     radius: float
     face_change: float
 
+    @property
+    def backwards(self) -> TrackPoint:
+        """The same in a time that runs backwards."""
+        return self._replace(frame=-self.frame, time=-self.time)
+
 
 def _point(frame: int, time: float, seen: Detection) -> TrackPoint:
     return TrackPoint(
@@ -73,7 +74,7 @@ def _point(frame: int, time: float, seen: Detection) -> TrackPoint:
 
 
 @dataclass
-class _Ball:
+class FollowedBall:
     """A track in the making."""
 
     name: str
@@ -86,20 +87,24 @@ class _Ball:
     smooth: State | None = None  # predicted for the current frame without impacts
     impact: State | None = None  # and through impacts
     colour: Array | None = None  # (3,) of its face, mean over the last detections
+    looks: int = 1  # detections in it
+    last_colour: Array | None = None  # (3,) of its last detection
 
     def look(self, seen: Detection) -> None:
         """Take the colour of a detection into the mean."""
+        self.last_colour = seen.colour
         if self.colour is None or seen.colour is None:
             self.colour = seen.colour if self.colour is None else self.colour
         else:
-            self.colour = COLOUR_MEMORY * seen.colour + (1 - COLOUR_MEMORY) * self.colour
+            self.looks += 1
+            part = max(COLOUR_MEMORY, 1 / self.looks)
+            self.colour = part * seen.colour + (1 - part) * self.colour
 
     def colour_cost(self, seen: Array | None) -> float:
         """Negative log likelihood of a colour (3,) as this ball's, which turns as it rolls; 0 where it is not known."""
         if self.colour is None or seen is None:
             return 0.0
-        off = float(colour_distance(seen, self.colour)) / FACE_COLOUR_SCALE
-        return 2 * math.log1p(off * off)  # of a Cauchy distribution over three channels, relative to its peak
+        return face_cost(seen, self.colour)
 
     def undo(self) -> None:
         """Return to the state before an unconfirmed jump."""
@@ -107,6 +112,19 @@ class _Ball:
             self.state, kept = self.before_jump
             del self.points[kept:]
             self.before_jump, self.streak = None, CONFIRMING_DETECTIONS
+
+    def backwards(self) -> FollowedBall:
+        """A ball just seen, to be followed in a time that runs backwards; only its last colour is surely its own."""
+        points = [self.points[-1].backwards]
+        return FollowedBall(
+            self.name, self.state.backwards, points, True, CONFIRMING_DETECTIONS, colour=self.last_colour
+        )
+
+    def forwards(self) -> list[TrackPoint]:
+        """Its points in order of time, when it was followed in one that runs backwards."""
+        if self.missed:
+            self.undo()
+        return [point.backwards for point in reversed(self.points)]
 
 
 @dataclass(frozen=True)
@@ -138,7 +156,7 @@ class Follower:
     camera: Camera
     counts: Mapping[str, int] = field(default_factory=dict)  # greatest number of balls of a name, where it is known
     time_sd: float = 0.0  # of the times of frames [s]
-    balls: list[_Ball] = field(default_factory=list)
+    balls: list[FollowedBall] = field(default_factory=list)
     _forecast: float = math.nan  # time of the current predictions [s]
 
     def expected(self, time: float, period: float) -> list[Expected]:
@@ -148,12 +166,20 @@ class Follower:
         if not states:
             return []
         radius = self.camera.radius
-        ends = [(s.x - part * s.u * period, s.y - part * s.v * period, radius) for part in (0, 1) for _, s in states]
-        pixels = self.camera.project(np.array(ends))
+        # A ball that is hit as it rests comes from there, however fast it is then.
+        before = [
+            (ball.state.x, ball.state.y)
+            if ball.impact and ball.state.speed < MIN_MOVING_SPEED_M_S
+            else (s.x - s.u * period, s.y - s.v * period)
+            for ball, s in states
+        ]
+        pixels = self.camera.project(np.array([(*at, radius) for at in [*((s.x, s.y) for _, s in states), *before]]))
         steps = pixels[: len(states)] - pixels[len(states) :]
         farthest = MAX_STRIKE_SPEED_M_S * period / radius  # [radii]
         return [
-            Expected(ball.name, at, step, ball.colour, (1 + ball.missed) * farthest * ball.points[-1].radius)
+            Expected(
+                ball.name, at, step, ball.colour, (1 + ball.missed) * farthest * ball.points[-1].radius, not ball.impact
+            )
             for (ball, _), at, step in zip(states, pixels, steps, strict=False)
         ]
 
@@ -161,6 +187,11 @@ class Follower:
     def seeking(self) -> bool:
         """Whether a confirmed ball was missed in the last frames."""
         return any(ball.confirmed and 0 < ball.missed <= MAX_MISSED_FRAMES + 1 for ball in self.balls)
+
+    @property
+    def settled(self) -> bool:
+        """Whether no ball was missed in the last frames, and none has yet to be confirmed where it is."""
+        return not self.seeking and all(ball.confirmed and ball.before_jump is None for ball in self.balls)
 
     @property
     def in_sight(self) -> int:
@@ -172,7 +203,7 @@ class Follower:
         if self._forecast != time:
             self._predict(time)
         positions = self._positions(seen)
-        found: dict[int, _Ball] = {}
+        found: dict[int, FollowedBall] = {}
         for name in dict.fromkeys(seen[k].name for k in positions):
             same_name = {k: place for k, place in positions.items() if seen[k].name == name}
             found |= self._associate([b for b in self.balls if b.name == name], same_name, seen)
@@ -191,7 +222,7 @@ class Follower:
         balls = [b for b in self.balls if b.confirmed and len(b.points) >= MIN_TRACK_DETECTIONS]
         first = min((b.points[0].frame for b in balls), default=0) + CONFIRMING_DETECTIONS
 
-        def order(ball: _Ball) -> tuple[int, float]:
+        def order(ball: FollowedBall) -> tuple[int, float]:
             begun = ball.points[0]
             return (begun.frame if begun.frame > first else first), begun.u
 
@@ -243,8 +274,8 @@ class Follower:
             ball.impact = state
 
     def _associate(
-        self, balls: Sequence[_Ball], positions: Positions, seen: Sequence[Detection]
-    ) -> dict[int, _Ball]:  # fmt: skip
+        self, balls: Sequence[FollowedBall], positions: Positions, seen: Sequence[Detection]
+    ) -> dict[int, FollowedBall]:  # fmt: skip
         """Assign detections to the balls of one name at the least total cost, and update their states."""
         keys = list(positions)
         known = [b.state for b in self.balls if b.smooth and b.confirmed]
@@ -282,7 +313,7 @@ class Follower:
                 ball.undo()
         self.balls = [ball for ball in self.balls if ball.confirmed or ball.missed < MAX_MISSED_FRAMES]
 
-    def _confirm(self, ready: Sequence[_Ball]) -> None:
+    def _confirm(self, ready: Sequence[FollowedBall]) -> None:
         """Confirm balls: each continues the track of the nearest lost ball of its name, or is a new one."""
         for ball in ready:
             # The first detection of the new one may be false, and older than the last of the lost one.
@@ -299,7 +330,7 @@ class Follower:
                 ball.confirmed = len(same_name) < self.counts.get(ball.name, len(same_name) + 1)
 
     def _start_tracks(
-        self, index: int, seen: Sequence[Detection], positions: Positions, found: dict[int, _Ball]
+        self, index: int, seen: Sequence[Detection], positions: Positions, found: dict[int, FollowedBall]
     ) -> None:
         """Start a track with every detection left, unless it overlaps a ball detected or predicted there."""
         there = [positions[k][1:3] for k in found]
@@ -308,11 +339,15 @@ class Follower:
             time, x, y, variance = positions[k]
             if all(math.hypot(x - a, y - b) > MIN_SEPARATION_RADII * self.camera.radius for a, b in there):
                 state = State(time, x, y, 0.0, 0.0, variance, 0.0, (MAX_STRIKE_SPEED_M_S / 3) ** 2)
-                self.balls.append(_Ball(seen[k].name, state, [_point(index, time, seen[k])], colour=seen[k].colour))
+                self.balls.append(
+                    FollowedBall(seen[k].name, state, [_point(index, time, seen[k])], colour=seen[k].colour)
+                )
                 there.append((x, y))
 
 
-def _cheapest_hypothesis(ball: _Ball, position: Position, fastest: float, radius: float) -> tuple[float, str, State]:
+def _cheapest_hypothesis(
+    ball: FollowedBall, position: Position, fastest: float, radius: float
+) -> tuple[float, str, State]:
     """The cheapest hypothesis of a detection as this ball: its cost, its kind, and the predicted state."""
     time, x, y, variance = position
     old = ball.state

@@ -32,7 +32,8 @@ MIN_WINDOW = 5  # steps of it that are there
 UNEVEN_SD = 0.4  # of durations that seem uneven [periods]
 MIN_UNEVEN_RATIO = 2.5  # of second differences of places along the way of balls to those across it, median,
 MIN_UNEVEN_CHANGE = 0.15  # and to the steps
-MIN_STEPS = 20  # that show it
+MIN_STEPS = 20  # that show it,
+PART_STEPS = 100  # in a part of a film
 ROUND_SDS = (0.4, 0.3, 0.2, 0.1, 0.0, 0.0, 0.0)  # of durations, in rounds of speeds and durations in turn [periods]
 ACCELERATION_SD_M_S2 = 1.0  # of a ball that rolls or slides
 MAX_SD_PARTS = 0.25  # of the duration of a step, of one part, beyond which the stamps are kept
@@ -67,8 +68,11 @@ class Picks:
 
 
 def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
-    """Whether balls scatter along their ways far more than across them, as frames at uneven times make them."""
-    along, across, steps = [], [], []
+    """Whether balls scatter along their ways far more than across them, as frames at uneven times make them.
+
+    In some part of the film: a conversion may change on the way, and many a film ends with slow balls.
+    """
+    along, across, steps, order = [], [], [], []
     for track in tracks:
         step = np.diff(track.xy, axis=0)
         length = np.linalg.norm(step, axis=1)
@@ -80,11 +84,17 @@ def seem_uneven(tracks: Sequence[BallTrack], frames: NDArray[np.int64]) -> bool:
         along.append(np.abs(np.sum(change * way, axis=1)))
         across.append(np.abs(change[:, 0] * way[:, 1] - change[:, 1] * way[:, 0]))
         steps.append((length[1:] + length[:-1])[both] / 2)
-    change, lateral, length = (np.concatenate(v) if v else np.zeros(0) for v in (along, across, steps))
-    if len(change) < MIN_STEPS:
+        order.append(track.frame[1:-1][both])
+    if sum(map(len, order)) < MIN_STEPS:
         return False
-    more = float(np.median(change)) > MIN_UNEVEN_RATIO * float(np.median(lateral))
-    return more and float(np.median(change / length)) > MIN_UNEVEN_CHANGE
+    in_time = np.argsort(np.concatenate(order), kind="stable")
+    change, lateral, length = (np.concatenate(v)[in_time] for v in (along, across, steps))
+    parts = np.array_split(np.arange(len(change)), max(len(change) // PART_STEPS, 1))
+    return any(
+        float(np.median(change[part])) > MIN_UNEVEN_RATIO * float(np.median(lateral[part]))
+        and float(np.median(change[part] / length[part])) > MIN_UNEVEN_CHANGE
+        for part in parts
+    )
 
 
 @dataclass(frozen=True)

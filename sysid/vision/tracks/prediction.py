@@ -18,6 +18,7 @@ PREDICTED_RESTITUTION = {"ball": 0.95, "cushion": 0.8}
 MAX_IMPACTS = 6  # between two frames
 MAX_POSITION_COST = 12.0  # of a detection compatible with a prediction: five standard deviations
 MIN_MOVING_SPEED_M_S = 0.02  # slower balls are predicted at rest
+TOUCH_RADII = 2.2  # between balls that may touch: two radii, and what is uncertain about them
 
 
 class State(NamedTuple):
@@ -36,6 +37,11 @@ class State(NamedTuple):
     def speed(self) -> float:
         """Speed [m/s]."""
         return math.hypot(self.u, self.v)
+
+    @property
+    def backwards(self) -> State:
+        """The state in a time that runs backwards."""
+        return self._replace(time=-self.time, u=-self.u, v=-self.v, pv=-self.pv)
 
     def predicted(self, time: float, time_sd: float = 0.0) -> State:
         """The state at a later time, without impacts (prediction step of the Kalman filter).
@@ -97,6 +103,7 @@ def predict_impacts(states: Sequence[State], until: float, limits: Array, diamet
         for k in (i, j):
             if k >= 0:
                 after_first[k], impact_speed[k] = max(after_first[k], remaining), max(impact_speed[k], speed)
+    _through_contacts(states, impact_speed, after_first, diameter)
     found: list[State | None] = [None] * n
     for k, state in enumerate(states):
         if impact_speed[k]:
@@ -105,6 +112,19 @@ def predict_impacts(states: Sequence[State], until: float, limits: Array, diamet
             (x, y), (u, v) = position[k], velocities[k]
             found[k] = State(until, x, y, u, v, pp, 0.0, free.vv + velocity_error**2)
     return found
+
+
+def _through_contacts(
+    states: Sequence[State], impact_speed: list[float], after_first: list[float], diameter: float
+) -> None:  # fmt: skip
+    """Impacts go on through balls that touch at the beginning, as in a rack: how hard, in what order is not known."""
+    hit = [k for k, speed in enumerate(impact_speed) if speed]
+    for i in hit:  # grows meanwhile
+        for j, other in enumerate(states):
+            apart = math.hypot(states[i].x - other.x, states[i].y - other.y)
+            if j not in hit and apart < TOUCH_RADII * diameter / 2:
+                impact_speed[j], after_first[j] = impact_speed[i], after_first[i]
+                hit.append(j)
 
 
 def _next_impact(

@@ -26,11 +26,11 @@ from sysid.vision.tracks.moves import (
     pocketed,
     rest_place,
 )
+from sysid.vision.tracks.prediction import TOUCH_RADII
 
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
 MAX_LOST_S = 1.0  # a moving ball lost for longer was taken away and sets nothing in motion
-TOUCH_RADII = 2.2  # between balls that may touch: two radii, and what is uncertain about them
 SIMULTANEOUS_FRAMES = 1.5  # within which balls begin to move that may have been set in motion together
 MIN_BEHIND_COSINE = 0.87  # of the angle between the velocity of a ball and the line from the ball that pushed it
 # A ball that is struck at the utmost height, half a radius above its middle, rolls at 5/7 + 2/7 * 5/4 of its speed.

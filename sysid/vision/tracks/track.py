@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from models.messages import counted
 from models.shot import Table
-from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
+from sysid.clips.plausibility import MAX_OVERLAP_M, MIN_STRUCK_SAMPLES, POCKET_REACH
 from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.faces import ANY_BALL
-from sysid.vision.camera.camera_motion import CameraWatch
+from sysid.vision.camera.camera_motion import SteadyView
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
@@ -29,6 +29,7 @@ from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, Noise, difference_noi
 from sysid.vision.tracks.picks import UNEVEN_SD, seem_uneven
 from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.places import PlaceError, place_error
+from sysid.vision.tracks.retrace import Retracer
 from sysid.vision.tracks.running import running_shots
 from sysid.vision.tracks.spins import face_change, spins
 from sysid.vision.tracks.stamps import marked
@@ -94,17 +95,15 @@ def track(
     followed, names = named(found.tracks, footage, detector)
     timed = set_right(TimedTracks(followed, found.frames, found.times), found.twice, camera)
     result = tracked(timed.tracks, timed.frames, timed.times, camera, found.rate)
-    result = replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
-    return _while_standing(result, found)
+    return replace(result, notes=(*names, *timed.notes, *result.notes), picture_rate=timed.rate)
 
 
-def _while_standing(result: Tracked, found: _Followed) -> Tracked:
-    """The result without the shots during which the camera stands elsewhere, as pictures of these stamps show."""
-    scene = result.scene
-    ends = [found.times[np.searchsorted(found.frames, [shot.first, shot.last])] for shot in result.shots]
-    moved = [found.standing.moved_by(*span) for span in ends]
+def while_steady(result: Tracked, view: SteadyView) -> Tracked:
+    """The result without the shots during which the camera moves unseen."""
+    moved = [view.moved_unseen(shot.first, shot.last) for shot in result.shots]
     left_out = [
-        f"{_moment(scene, shot.time)}: the camera is {1e3 * by:.1f} mm from its place in most of the film: left out"
+        f"{_moment(result.scene, shot.time)}: the camera moves by {1e3 * by:.1f} mm while the cushions are hidden: "
+        "left out"
         for shot, by in zip(result.shots, moved, strict=True) if by
     ]  # fmt: skip
     return replace(without_shots(result, [by > 0 for by in moved]), left_out=(*result.left_out, *left_out))
@@ -119,7 +118,6 @@ class _Followed:
     times: Array  # (m,) by stamps [s]
     twice: NDArray[np.bool_]  # (m,) which show the picture before once more
     rate: float  # [frames/s]
-    standing: CameraWatch
 
 
 def _followed(
@@ -129,25 +127,31 @@ def _followed(
     """Detect and follow all balls; the times of frames may be wrong, with a standard deviation `time_sd` [s]."""
     counts = counts if detector.palette is None else {ANY_BALL: sum(counts.values())}
     follower = Follower(camera, counts, time_sd=time_sd)
+
+    def find(frame: Frame, expected: Sequence[Expected], full_search: bool) -> list[Detection]:
+        return _detect(detector, frame.picture, expected, shutter, full_search)
+
+    retracer = Retracer(follower, find)
     frames, times, twice = [], [], []
     began = reported = clock.monotonic()
-    last_full_search, previous, standing = -math.inf, None, CameraWatch(camera)
+    last_full_search, previous = -math.inf, None
     for frame, again in ahead(marked(footage)):
         frames.append(frame.index)
         times.append(frame.time)
         twice.append(again)
         if again:
             continue
-        standing.see(frame.picture, frame.time)
         # A given exposure is a part of the time between frames; one that is estimated, of that between pictures.
         period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
         expected = follower.expected(frame.time, period)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        seen = _detect(detector, frame.picture, expected, shutter, full_search)
+        seen = [] if frame.elsewhere else find(frame, expected, full_search)
         if previous is not None:
             turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
+        retracer.begin()
         follower.update(frame.index, frame.time, seen)
+        retracer.end(frame, period)
         if watch is not None:
             watch(frame, seen)
         previous = frame.picture
@@ -156,10 +160,10 @@ def _followed(
             reported, rate = now, len(frames) / (now - began)
             of = f" of {footage.count}" if footage.count else ""
             progress(f"{len(frames)}{of} frames, {rate:.0f} frames/s, {counted(follower.in_sight, 'ball')} in sight")
+    if frames:
+        retracer.finish(period)
     rate = len(frames) / max(clock.monotonic() - began, 1e-9)
-    return _Followed(
-        follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate, standing
-    )
+    return _Followed(follower.tracks(), np.array(frames, np.int64), np.array(times), np.array(twice, bool), rate)
 
 
 def _usual_interval(times: Sequence[float], twice: Sequence[bool], default: float) -> float:
@@ -207,11 +211,16 @@ def tracked(
             doubts.append(f"at {shot.time:.2f} s {count} detections lie beyond the cushions: check calibration")
         found = {name: (track, rows[~outside[name]]) for name, (track, rows) in found.items()}
         found = {name: one for name, one in found.items() if one[1].size}
-        if shot.struck in found:
-            kept.append((shot, found))
-            lost = lost_frames(scene, shot, *found[shot.struck])
-            if lost > MAX_LOST_FRACTION * (lost + found[shot.struck][1].size):
-                doubts.append(f"shot {len(kept)}: {shot.struck} was lost in {lost} of its frames")
+        seen = found[shot.struck][1].size if shot.struck in found else 0
+        if seen < (1 if shot.running else MIN_STRUCK_SAMPLES):
+            omitted.append(
+                f"{_moment(scene, shot.time)}: {shot.struck} is seen in {counted(seen, 'frame')} only: left out"
+            )
+            continue
+        kept.append((shot, found))
+        lost = lost_frames(scene, shot, *found[shot.struck])
+        if lost > MAX_LOST_FRACTION * (lost + seen):
+            doubts.append(f"shot {len(kept)}: {shot.struck} was lost in {lost} of its frames")
     if not tracks:
         doubts.append("no ball was found: check that the camera file and the palette belong to this video")
     elif not kept:

@@ -15,6 +15,7 @@ from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import Expected, Shutter, is_clear, known_disc, near_disc
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.palette import default_palette
+from sysid.vision.balls.sweeps import strips
 from sysid.vision.frames import Picture, open_footage
 from sysid.vision.tracks.track import Tracked, track
 from tests.footage.film import Look, film
@@ -199,6 +200,40 @@ def test_of_balls_of_any_colour_the_nearest_is_meant(shot: Shot) -> None:
     fit = sought(view, None, places[0] - [0.75 * radius, 0.0], np.zeros(2), Shutter(0.0))
     assert fit is not None
     assert np.hypot(*(fit.xy - places[0])) < 0.1 * radius
+
+
+@pytest.mark.slow
+def test_nothing_is_seen_out_of_the_picture(shot: Shot) -> None:
+    """A ball that was expected there ended the tracking."""
+    _, pictures, detector, _ = shot
+    view = detector.background.view(pictures[0])
+    other = DiscFit(np.array([40.0, 40.0]), 10.0, np.zeros(2), 1.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+    for out in ([-200.0, 40.0], [3000.0, 40.0], [40.0, -200.0], [40.0, 3000.0]):
+        assert strips(view, None, np.array(out), 10.0, 60.0, [other]) == []
+
+
+@pytest.mark.parametrize("radii", [0.8, 2.5])
+@pytest.mark.slow
+def test_how_far_a_ball_of_several_colours_moves_is_seen(shot: Shot, radii: float) -> None:
+    """Its mixed rim was taken for its colours, so that one at rest explained every picture best."""
+    _, _, detector, _ = shot
+    h, w = detector.background.picture.shape[:2]
+    at, radius = np.array([w / 2 - 40.3, h / 2 + 30.6]), float(CAMERA.radius_px(np.zeros((1, 2)))[0])
+    motion = radii * radius * np.array([0.8, 0.6])
+    y, x = np.mgrid[:h, :w]
+    picture = np.zeros((h, w, 3))
+    for u, v in (at + s * motion for s in np.linspace(-0.5, 0.5, 57)):
+        share = np.clip(radius - np.hypot(x - u, y - v) + 0.5, 0, 1)[..., None]
+        stripe = np.where((np.abs(y - v - 0.2 * (x - u)) < 0.4 * radius)[..., None], (30.0, 40.0, 200.0), 235.0)
+        picture += ((1 - share) * detector.background.picture + share * stripe) / 57
+    view = detector.background.view(picture.clip(0, 255).astype(np.uint8))
+    parts = (0.0, 0.5, 1.0, 1.5)
+    start = at + np.array([2.0, -1.0])
+    fits = [fit_disc(view, None, start, radius, part * motion) for part in parts]
+    misfits = [np.inf if fit is None else fit.misfit for fit in fits]
+    assert parts[int(np.argmin(misfits))] == 1.0
+    assert fits[2] is not None
+    assert np.hypot(*(fits[2].xy - at)) < 0.5
 
 
 @pytest.mark.parametrize("gain", [1.0, 3.0])

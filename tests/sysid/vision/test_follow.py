@@ -176,3 +176,12 @@ def test_impacts_are_foreseen() -> None:
     assert two.x == pytest.approx(0.1 + 1.95 * 0.075)
     assert three.x == pytest.approx(1.0 - 0.8 * 0.09)
     assert predict_impacts([ball(0, 0, 1.0), ball(0.1, 0.06, 0.0)], 0.04, reach, 0.05) == [None, None]
+
+
+def test_an_impact_goes_on_through_balls_that_touch() -> None:
+    """Which way they go is not known: places in a pack are known too coarsely to follow the impact through it."""
+    places = ((0.0, 0.0), (0.1, 0.0), (0.101, 0.0505), (0.102, 0.101), (0.4, 0.0))
+    balls = [State(0.0, x, y, 0.0 if x else 2.0, 0.0, 1e-8, 0.0, 1e-6) for x, y in places]
+    found = predict_impacts(balls, 0.04, np.array([1.0, 0.5]), 0.05)
+    assert [state is not None for state in found] == [True, True, True, True, False]
+    assert found[3] is not None and found[3].pp > 0.005**2

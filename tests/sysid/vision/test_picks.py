@@ -106,3 +106,19 @@ def test_a_smooth_motion_at_uneven_times_is_no_noise() -> None:
     slides = np.minimum(way - 0.2, 0.0) ** 2
     xy = np.column_stack([way - 0.1 * way**2 - 0.3 * slides, 0.4 * way + 0.05 * slides])
     assert _parabola_residual(time, xy, 0.2) < 1e-20
+
+
+def test_uneven_times_in_a_part_of_a_film_are_told() -> None:
+    """A break in the first seconds, converted unevenly, then slow balls for long, at even times."""
+    rng, n = np.random.default_rng(4), 400
+    steps = np.where(np.arange(n) < 60, np.where(np.arange(n) % 3 == 0, 10.0, 24.0), 4.0) * 1e-3
+    at = np.cumsum(steps)
+
+    def moving(direction: float, uneven: bool) -> BallTrack:
+        way = at if uneven else np.arange(n) * 4e-3
+        xy = way[:, None] * (np.cos(direction), np.sin(direction)) + rng.normal(0, 4e-4, (n, 2))
+        ones = np.ones(n)
+        return BallTrack("ball", np.arange(n), np.arange(n) * PERIOD, 400 * xy, xy, 0.1 * ones, 10 * ones, ones)
+
+    assert seem_uneven([moving(d, True) for d in (0.1, 1.0, 2.5)], np.arange(n))
+    assert not seem_uneven([moving(d, False) for d in (0.1, 1.0, 2.5)], np.arange(n))
