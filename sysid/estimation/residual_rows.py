@@ -340,9 +340,8 @@ def residual_rows(first, last, states, samples, weighting, game, rows):  # type:
                 continue
         if n != size:
             size, work = n, workspace(n, curved)
-        _play_row(
-            work, game, samples, arrays, row, w, looked
-        )  # where the engine ends early, balls stay where they were
+        # Where the engine ends a shot early, its balls stay where they were.
+        _play_row(work, game, samples, arrays, row, w, looked)
         if ends.shape[0] > 0:
             ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, seen, n, position, velocity)
