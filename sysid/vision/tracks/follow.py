@@ -29,7 +29,7 @@ from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.prediction import MIN_MOVING_SPEED_M_S, State, predict_impacts
 
 MIN_DETECTION_SD_PX = 0.2  # added to the standard deviation that the detector estimates
-MAX_STRIKE_SPEED_M_S = 15.0  # of a ball after the hardest break, as in fits; 12.1 was measured in a film
+MAX_STRIKE_SPEED_M_S = 10.0  # speed of a ball after the fastest strikes [m/s]
 MAX_JUMP_GAP_S = 0.1  # a jump that was unseen for longer starts a new track, until it is known which ball it is
 MAX_PREDICTION_S = 0.25  # older states are not extrapolated
 JUMP_COST = 6.0  # of an impact that was not predicted,
