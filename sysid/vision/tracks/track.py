@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.messages import counted
 from models.shot import Table
-from sysid.clips.plausibility import MAX_OVERLAP_M, MIN_STRUCK_SAMPLES, POCKET_REACH
+from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
 from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.faces import ANY_BALL
@@ -211,16 +211,11 @@ def tracked(
             doubts.append(f"at {shot.time:.2f} s {count} detections lie beyond the cushions: check calibration")
         found = {name: (track, rows[~outside[name]]) for name, (track, rows) in found.items()}
         found = {name: one for name, one in found.items() if one[1].size}
-        seen = found[shot.struck][1].size if shot.struck in found else 0
-        if seen < (1 if shot.running else MIN_STRUCK_SAMPLES):
-            omitted.append(
-                f"{_moment(scene, shot.time)}: {shot.struck} is seen in {counted(seen, 'frame')} only: left out"
-            )
-            continue
-        kept.append((shot, found))
-        lost = lost_frames(scene, shot, *found[shot.struck])
-        if lost > MAX_LOST_FRACTION * (lost + seen):
-            doubts.append(f"shot {len(kept)}: {shot.struck} was lost in {lost} of its frames")
+        if shot.struck in found:
+            kept.append((shot, found))
+            lost = lost_frames(scene, shot, *found[shot.struck])
+            if lost > MAX_LOST_FRACTION * (lost + found[shot.struck][1].size):
+                doubts.append(f"shot {len(kept)}: {shot.struck} was lost in {lost} of its frames")
     if not tracks:
         doubts.append("no ball was found: check that the camera file and the palette belong to this video")
     elif not kept:
