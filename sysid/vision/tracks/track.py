@@ -129,7 +129,7 @@ def _followed(
     follower = Follower(camera, counts, time_sd=time_sd)
 
     def find(frame: Frame, expected: Sequence[Expected], full_search: bool) -> list[Detection]:
-        return _detect(detector, frame.picture, expected, shutter, full_search)
+        return [] if frame.elsewhere else _detect(detector, frame.picture, expected, shutter, full_search)
 
     retracer = Retracer(follower, find)
     frames, times, twice = [], [], []
@@ -145,7 +145,7 @@ def _followed(
         period = 1.0 / footage.fps if shutter.given is not None else _usual_interval(times, twice, 1.0 / footage.fps)
         expected = follower.expected(frame.time, period)
         full_search = not expected or follower.seeking or frame.time - last_full_search >= FULL_SEARCH_INTERVAL_S
-        seen = [] if frame.elsewhere else find(frame, expected, full_search)
+        seen = find(frame, expected, full_search)
         if previous is not None:
             turned = [face_change(previous, frame.picture, s.xy, s.radius, detector.noise) for s in seen]
             seen = [replace(s, face_change=by) for s, by in zip(seen, turned, strict=True)]
