@@ -1,13 +1,13 @@
 """A formula for structure outside the catalogue: a few terms as numbers, each a coefficient times a factor on one hook.
 
 A term says by codes what it changes (its door) and by which factor of place, motion, time or impact, with up to four
-constants, and may act for one ball, rail, table or player alone. Doors: a drag on rolling balls along their way, a pull
-to the left of it (models.hooks.push_along); a push along x or y on a ball that the cloth carries, 5/7 of it where that
-rolls; a relative change of the sliding friction; a change of restitution or friction at cushions or between balls; a
-shift of the image. The hooks are compiled once and read the terms from the effect's row of parameters: another formula
-compiles nothing. Where forces switch at lines and at the edges of cells of the cloth, or bend, `horizon` says when a
-ball gets there. Where a step lies, and over what a decay falls, may be parameters as well. A curve is a sum of hats,
-and linear between the places where these lie.
+constants, and may act for one ball, rail, table or player alone, or on one side of a value of any variable. Doors: a
+drag on rolling balls along their way, a pull to the left of it (models.hooks.push_along); a push along x or y on a ball
+that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction; a change of restitution
+or friction at cushions or between balls; a shift of the image. The hooks are compiled once and read the terms from the
+effect's row of parameters: another formula compiles nothing. Where forces switch at lines and at the edges of cells of
+the cloth, or bend, `horizon` says when a ball gets there. Where a step lies, over what a decay falls, and where a term
+begins to act may be parameters as well. A curve is a sum of hats, and linear between the places where these lie.
 """
 
 from __future__ import annotations
@@ -69,8 +69,9 @@ class TermRow(NamedTuple):
     b: float
     c: float
     d: float
-    counted: float  # variable, and the value of it for which alone the term acts
-    which: float
+    within: float  # variable of the condition under which the term acts; NONE without one
+    which: float  # value of that variable
+    side: float  # 0: at that value alone; 1: above it; -1: below it
 
 
 class FactorArguments(NamedTuple):
@@ -92,12 +93,24 @@ TERM_LAYOUT = (("terms", MAX_TERMS * TERM_SIZE),)
 
 @dataclass(frozen=True)
 class MovingPlace:
-    """Where a step or a bend lies, or over what a decay falls, where that is a parameter: the term's constant b."""
+    """Where a step, a bend or the side of a condition lies, or over what a decay falls, where that is a parameter."""
 
     name: str
     unit: str
     default: float
     bounds: tuple[float, float]
+    field: str = "b"  # of `TermRow`
+
+
+class Only(NamedTuple):
+    """The condition under which a term acts."""
+
+    variable: int = NONE
+    which: float = 0.0
+    side: float = 0.0  # see `TermRow`
+
+
+EVERYWHERE = Only()
 
 
 @dataclass(frozen=True)
@@ -112,19 +125,19 @@ class Part:
     default: float
     bounds: tuple[float, float]
     source: str
-    place: MovingPlace | None = None
-    only: tuple[int, float] = (NONE, 0.0)  # variable, and the value of it for which alone the term acts
+    places: tuple[MovingPlace, ...] = ()
+    only: Only = EVERYWHERE
 
     @property
-    def is_line(self) -> bool:
-        """Whether it is a step or a bend at a line on the cloth."""
-        return self.factor in (ABOVE, BEND) and self.constants[0] in (X, Y)
+    def has_line(self) -> bool:
+        """Whether it steps, bends or ends at a line of the table."""
+        return (self.factor in (ABOVE, BEND) and self.constants[0] in (X, Y)) or self.only.variable in (X, Y)
 
 
 @compiled
 def factor_value(term: TermRow, at: FactorArguments) -> float:
     """The factor of a term."""
-    _, _, factor, a, b, c, d, _, _ = term
+    _, _, factor, a, b, c, d, _, _, _ = term
     v, x, y, heading, wz, first, second = at
     if factor == BOX:
         return 1.0 if abs(x - a) <= b and abs(y - c) <= d else 0.0
@@ -166,7 +179,13 @@ def factor_value(term: TermRow, at: FactorArguments) -> float:
 def _term(own: Any, k: int) -> TermRow:
     """The fields of a term; the door of those behind the last is 0."""
     t, n = own.terms, k * TERM_SIZE
-    return TermRow(t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6], t[n + 7], t[n + 8])
+    return TermRow(t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6], t[n + 7], t[n + 8], t[n + 9])
+
+
+@compiled
+def _acts(term: TermRow, value: float) -> bool:
+    """Whether the condition of a term holds at a value of its variable."""
+    return value == term.which if term.side == 0.0 else term.side * (value - term.which) > 0.0
 
 
 @compiled
@@ -212,7 +231,7 @@ def shift(door: float, value: float, image: ImageState) -> None:
 
 @compiled
 def _of_ball(term: TermRow, ball: BallState) -> float:
-    if term.counted != NONE and of_ball(term.counted, ball) != term.which:
+    if term.within != NONE and not _acts(term, of_ball(term.within, ball)):
         return 0.0
     v, heading = of_ball(term.a, ball), math.atan2(ball.vy, ball.vx)
     if term.factor == PRODUCT:
@@ -222,7 +241,7 @@ def _of_ball(term: TermRow, ball: BallState) -> float:
 
 @compiled
 def _of_impact(term: TermRow, hit: ImpactState) -> float:
-    if term.counted != NONE and of_impact(term.counted, hit) != term.which:
+    if term.within != NONE and not _acts(term, of_impact(term.within, hit)):
         return 0.0
     v, heading = of_impact(term.a, hit), math.atan2(hit.vy, hit.vx)
     if term.factor == PRODUCT:
@@ -245,7 +264,7 @@ class Formula(Effect):
     @classmethod
     def opens(cls, *hooks: str) -> bool:
         """Whether a term of it is on any of these hooks."""
-        cells = any(p.door in CLOTH and (p.factor in (BOX, HAT) or p.is_line) for p in cls.parts)
+        cells = any(p.door in CLOTH and (p.factor in (BOX, HAT) or p.has_line) for p in cls.parts)
         return ("horizon" in hooks and cells) or any(
             p.door in HOOK_RANGES.get(hook, ()) for hook in hooks for p in cls.parts
         )
@@ -264,12 +283,10 @@ class Formula(Effect):
     @classmethod
     def column(cls, key: str) -> int:
         """Where in `row` a coefficient, or a place, stands."""
-        place = TERM_FIELDS.index("b")
         columns = {}
         for k, part in enumerate(cls.parts):
             columns[part.name] = k * TERM_SIZE
-            if part.place is not None:
-                columns[part.place.name] = k * TERM_SIZE + place
+            columns |= {place.name: k * TERM_SIZE + TERM_FIELDS.index(place.field) for place in part.places}
         return columns[key]
 
     def row(self, count: int) -> Array:
@@ -279,9 +296,9 @@ class Formula(Effect):
             numbers = (part.door, part.factor, *part.constants)
             out[:, k, 0] = getattr(self, part.name)
             out[:, k, 1 : 1 + len(numbers)] = numbers
-            out[:, k, TERM_FIELDS.index("counted") :] = part.only
-            if part.place is not None:
-                out[:, k, TERM_FIELDS.index("b")] = getattr(self, part.place.name)
+            out[:, k, TERM_FIELDS.index("within") :] = part.only
+            for place in part.places:
+                out[:, k, TERM_FIELDS.index(place.field)] = getattr(self, place.name)
         return out.reshape(count, -1)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
@@ -301,9 +318,11 @@ class Formula(Effect):
         """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
         left = math.inf
         for k in range(MAX_TERMS):
-            _, door, factor, a, b, c, d, _, _ = _term(self, k)
+            _, door, factor, a, b, c, d, within, which, _ = _term(self, k)
             if door == 0.0:
                 break
+            if DRAG <= door <= SIDE and within in (X, Y):
+                left = min(left, until_line(ball, within, which))
             if DRAG <= door <= SIDE and factor == BOX:
                 left = min(left, until_edge(ball, a, b, c, d))
             elif DRAG <= door <= SIDE and factor in (ABOVE, BEND):
@@ -329,7 +348,7 @@ class Formula(Effect):
             if term.door == 0.0:
                 break
             acts = IMAGE_X <= term.door <= IMAGE_Y
-            if acts and (term.counted == NONE or of_image(term.counted, image) == term.which):
+            if acts and (term.within == NONE or _acts(term, of_image(term.within, image))):
                 v = of_image(term.a, image)
                 if term.factor == PRODUCT:
                     v *= of_image(term.b, image)
@@ -356,8 +375,7 @@ def formula(name: str, parts: tuple[Part, ...]) -> type[Formula]:
     fields = []
     for p in parts:
         fields.append((p.name, float, param(p.default, off=0.0, unit=p.unit, bounds=p.bounds, source=p.source)))
-        if p.place is not None:
-            at = p.place
+        for at in p.places:
             fields.append(
                 (at.name, float, param(at.default, off=None, unit=at.unit, bounds=at.bounds, source=p.source))
             )

@@ -147,9 +147,11 @@ def on_cloth(term: Term) -> bool:
     return 1 + kinds.TERM_HOOKS.index(term.quantity) in kinds.CLOTH
 
 
-def is_line(term: Term) -> bool:
-    """Whether a term is a step or a bend at a line on the cloth."""
-    return on_cloth(term) and term.kind in (kinds.ABOVE, kinds.BEND) and term.constants[0] in (X, Y)
+def lines(term: Term) -> list[tuple[int, float]]:
+    """Variable x or y and place of the lines on the cloth at which a term steps, bends, or begins to act."""
+    found = [(int(term.constants[0]), term.constants[1])] if term.kind in (kinds.ABOVE, kinds.BEND) else []
+    found += [(term.only.variable, term.only.which)] if term.only is not None else []
+    return [(variable, at) for variable, at in found if on_cloth(term) and variable in (X, Y)]
 
 
 def bends(term: Term) -> bool:
@@ -159,7 +161,7 @@ def bends(term: Term) -> bool:
 
 def _horizon(terms: Sequence[Term]) -> list[str]:
     found = [f"until_edge(ball, {', '.join(map(repr, t.constants))})" for t in terms if t.kind == kinds.BOX]
-    found += [f"until_line(ball, {t.constants[0]!r}, {t.constants[1]!r})" for t in terms if is_line(t)]
+    found += [f"until_line(ball, {float(variable)!r}, {at!r})" for t in terms for variable, at in lines(t)]
     found += [f"until_bend(ball, {', '.join(map(repr, t.constants[:3]))})" for t in terms if bends(t)]
     if not found:
         return []

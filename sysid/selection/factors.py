@@ -23,7 +23,9 @@ STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN, PRODUCT_PATTERN = (
     )
 )  # fmt: skip
 DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
-ONLY_PATTERN = re.compile(r"\((rail|number|table|player) == (\d{1,3})\) \* \((.+)\)", re.ASCII)
+ONLY_PATTERN = re.compile(
+    rf"\((?:(rail|number|table|player) == (\d{{1,3}})|([a-z_]+) ([><]) {NUMBER})\) \* \((.+)\)", re.ASCII
+)
 BEND_PATTERN = re.compile(rf"max\((?:([a-z_]+) ([+-]) {DISTANCE}|{NUMBER} - ([a-z_]+)), 0\.0\)", re.ASCII)
 HAT_PATTERN = re.compile(
     rf"min\(max\(1\.0 ([+-]) (abs)?\(([a-z_]+) ([+-]) {DISTANCE}\) / {DISTANCE}, 0\.0\), 1\.0\)", re.ASCII
@@ -51,8 +53,8 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
     if known is not None:
         return known
     if only := ONLY_PATTERN.fullmatch(factor):
-        plain = only[1] in SEEN_BY.get(quantity, ()) and not ONLY_PATTERN.fullmatch(only[3])
-        return factor_code(quantity, only[3]) if plain else None
+        plain = (only[1] or only[3]) in SEEN_BY.get(quantity, ()) and not ONLY_PATTERN.fullmatch(only[6])
+        return factor_code(quantity, only[6]) if plain else None
     if (found := BEND_PATTERN.fullmatch(factor)) and (found[1] or found[5]) in SEEN_BY.get(quantity, ()):
         at = float(found[4]) if found[5] else (-1.0 if found[2] == "+" else 1.0) * float(found[3])
         return kinds.BEND, (float(VARIABLES.index(found[1] or found[5])), at, -1.0 if found[5] else 1.0)

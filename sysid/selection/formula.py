@@ -13,20 +13,16 @@ import dataclasses
 import itertools
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from models import formula as kinds
-from models.errors import BadInput
 from models.formula import MAX_TERMS
-from models.variables import SESSION_VARIABLES, VARIABLES
-from sysid.estimation.fitted import FittedModel, Point
+from models.variables import SESSION_VARIABLES
+from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
-from sysid.selection.effect_file import effect_source
-from sysid.selection.evidence import Evidence
+from sysid.selection.families import shapes_as
 from sysid.selection.free_forms import (
     Block,
     Cause,
@@ -41,26 +37,32 @@ from sysid.selection.score import Score, Scores
 from sysid.selection.shapes import at_likeliest_places, likeliest, shape_candidates, shape_of, without_terms
 from sysid.selection.signatures import Candidate, at_sizes, candidate
 from sysid.selection.terms import (
-    PLACE_DIGITS,
     QUANTITY_TEXTS,
     VARIABLE_NAMES,
-    VARIABLE_UNITS,
-    WITHOUT_CONSTANT,
     Shape,
     Term,
     effect_from_terms,
     library,
 )
-from sysid.selection.terms_read import RESULT_REMEDY, term_from_json
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 RIVAL_SHARE = 0.5  # predicted log odds of a rival over the likeliest cause's, at least; right to a factor of two
 MAX_RIVALS = 3  # most functions that are fitted, and shapes of the likeliest of them
+MAX_LOGGED = 5  # of the likeliest causes
 MAX_PART_OF_BOUNDS = 0.95  # largest start value of a term, over its bounds
 EFFECT_NAME = "unexplained"
 UNNAMED_EFFECT = "unnamed"  # name of the effect that fits an unknown cause before its shape is known
 OF_SESSIONS = {VARIABLE_NAMES[name] for name in SESSION_VARIABLES}
 log = logging.getLogger(__name__)
+
+
+def coefficients_of(fit: Point) -> dict[str, float]:
+    """Values of a formula's parameters in a fit, by their names in the formula."""
+    return {
+        name.removeprefix(f"{EFFECT_NAME}."): value
+        for name, value in zip(fit.names, fit.constants.tolist(), strict=True)
+        if name.startswith(f"{EFFECT_NAME}.")
+    }
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,8 @@ class SparseFormula:
 
     def placed(self, found: Point) -> SparseFormula:
         """The formula with its steps at their fitted places."""
-        at = dict(zip(found.names, found.constants.tolist(), strict=True))
-        terms = tuple(t.moved(at[f"{EFFECT_NAME}.{t.place_name}"]) if t.limits else t for t in self.terms)
-        return dataclasses.replace(self, terms=terms)
+        at = coefficients_of(found)
+        return dataclasses.replace(self, terms=tuple(term.placed(at) for term in self.terms))
 
     @property
     def groups(self) -> list[Shape]:
@@ -88,17 +89,17 @@ class SparseFormula:
         keep = [k for k, one in enumerate(self.terms) if one not in group]
         if not keep:
             return None
-        at, placed = dict(zip(fitted.names, fitted.constants.tolist(), strict=True)), self.placed(fitted)
+        at, placed = coefficients_of(fitted), self.placed(fitted)
         return SparseFormula(
             tuple(placed.terms[k] for k in keep), tuple(self.improvements[k] for k in keep),
-            np.array([at[f"{EFFECT_NAME}.{self.terms[k].name}"] for k in keep]),
+            np.array([at[self.terms[k].name] for k in keep]),
             tuple(self.alike[k] for k in keep if k < len(self.alike)),
         )  # fmt: skip
 
     def with_shape(self, shape: Shape, cause: Cause, alike: tuple[str, ...], base: Point) -> SparseFormula:
         """The formula with an additional shape from a cause, and its own terms at their fitted values."""
-        at = dict(zip(base.names, base.constants.tolist(), strict=True))
-        values = [at[f"{EFFECT_NAME}.{one.name}"] for one in self.terms]
+        at = coefficients_of(base)
+        values = [at[one.name] for one in self.terms]
         most = MAX_PART_OF_BOUNDS * np.array([term.width for term in shape])
         return SparseFormula(
             (*self.terms, *shape), (*self.improvements, *[cause.gain / len(shape)] * len(shape)),
@@ -157,7 +158,9 @@ def look(
     terms = without_terms([(term,) for term in library(base.model.table, counts, unseen)], _names_in(formula))
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
-    return Looked(scores, causes(scores, free), terms, frozenset(one.name for one in named), score, seen)
+    found = causes(scores, free)
+    log.info("likeliest: %s", ", ".join(f"{one.name} ({one.log_odds:.1f})" for one in found[:MAX_LOGGED]))
+    return Looked(scores, found, terms, frozenset(one.name for one in named), score, seen)
 
 
 def _functions(
@@ -166,7 +169,7 @@ def _functions(
     """Ranges of the variables in a fit's clips, the numbers of counted things, and all blocks beside a formula."""
     clips, table = base.problem.clips, base.model.table
     seen, counts = ranges(clips, table.length, table.width, base.model.ball.radius), counts_of(clips)
-    known = {(one.quantity, one.variable) for one in (formula.terms if formula else ()) if one.variable}
+    known = formula.placed(base).groups if formula else ()
     return seen, counts, blocks(seen, counts, known, joint=joint)
 
 
@@ -226,21 +229,30 @@ def reshaped(
         base: the fit with the formula.
         score: scores candidates for that fit without this shape.
     """
-    old, names = found.without(group, base) or SparseFormula((), (), np.zeros(0)), [term.name for term in group]
-    at = dict(zip(base.names, base.constants.tolist(), strict=True))
+    old = found.without(group, base) or SparseFormula((), (), np.zeros(0))
+    own = tuple(term.placed(coefficients_of(base)) for term in group)
+    families = _families_of(own, found, base)
+    if families is None:
+        return None
+    shape, cause = at_likeliest_places(*likeliest([*_lacking(families, old), [own]], score)[0], score)
+    if shape == own or len(old.terms) + len(shape) > MAX_TERMS:
+        return None
+    factors = ", ".join(term.factor for term in shape)
+    log.info("likelier than %s of %s: %s", group[0].group, group[0].quantity, factors)
+    first = found.terms.index(group[0])
+    return old.with_shape(shape, cause, found.alike[first] if first < len(found.alike) else (), base)
+
+
+def _families_of(group: Shape, found: SparseFormula, base: Point) -> list[list[Shape]] | None:
+    """Families of shapes to which one belongs; None if it is no shape of a function."""
     seen, _, free = _functions(base, found, joint=True)
-    for block in [one for one in free if one.quantity == group[0].quantity]:
+    if group[0].is_on_one_side and group[0].variable in seen:
+        return shapes_as(group[0], *seen[group[0].variable])
+    names = [term.name for term in group]
+    for block in [one for one in free if one.quantity == group[0].quantity and not one.known]:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):
-            own = [term.moved(at[f"{EFFECT_NAME}.{term.place_name}"]) if term.limits else term for term in group]
-            every = [*_lacking(families, old), [tuple(own)]]
-            shape, cause = at_likeliest_places(*likeliest(every, score)[0], score)
-            if shape == tuple(own) or len(old.terms) + len(shape) > MAX_TERMS:
-                return None
-            factors = ", ".join(term.factor for term in shape)
-            log.info("likelier than %s of %s: %s", group[0].group, group[0].quantity, factors)
-            first = found.terms.index(group[0])
-            return old.with_shape(shape, cause, found.alike[first] if first < len(found.alike) else (), base)
+            return families
     return None
 
 
@@ -277,117 +289,5 @@ def _row_of(name: str, scores: Scores) -> Score:
 
 def parameters_of(shape: Shape) -> set[str]:
     """Names of the terms' parameters in a fit."""
-    places = {term.place_name for term in shape if term.limits is not None}
+    places = {place.name for term in shape for place in term.places}
     return {f"{EFFECT_NAME}.{name}" for name in {term.name for term in shape} | places}
-
-
-def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:
-    """The formula as `unexplained` of result.json: place, dependences, size, terms."""
-    names = [f"{EFFECT_NAME}.{t.name}" for t in found.terms]
-    if fitted is not None:
-        found = found.placed(fitted)
-        values, sds = zip(*(fitted.value(n) for n in names), strict=True)
-    else:
-        values, sds = tuple(found.values), tuple([float("nan")] * len(names))
-    first = found.terms[0]
-    depends = list(dict.fromkeys(word for t in found.terms for word in t.depends_on))
-    places = [(t.place, g) for t, g in zip(found.terms, found.improvements, strict=True) if t.place is not None]
-    where = first.where
-    place: dict[str, Any] = {}
-    if first.place is not None:
-        weight = np.array([g for _, g in places])
-        centre = weight @ np.array([p for p, _ in places]) / weight.sum()
-        where = f"on the cloth around x = {centre[0]:.2f} m, y = {centre[1]:.2f} m"
-        place["place_m"] = [float(v) for v in centre]
-    sd_of = {
-        t: math.inf if t.kind == kinds.HAT and not s <= t.width else s for t, s in zip(found.terms, sds, strict=True)
-    }
-    value_of = dict(zip(found.terms, values, strict=True))
-    for group in found.groups:
-        value_of |= _bridged(group, value_of, sd_of)
-    form = "; ".join(_in_words(group, value_of, sd_of) for group in found.groups)
-    size = max((float(value_of[t]) for t in found.groups[0]), key=abs)
-    return {
-        "where": where, "depends_on": depends, "size": size, "unit": first.unit,
-        "what": QUANTITY_TEXTS[first.quantity], "form": form,
-        "delta_bic": float(evidence.delta_bic) if evidence else float(sum(found.improvements)),
-        "terms": [
-            {"name": t.name, "door": t.quantity, "factor": t.factor, "unit": t.unit, "width": t.width,
-             "value": float(value_of[t]), "sd": float(sd_of[t]) if np.isfinite(sd_of[t]) else None, "where": t.where,
-             "depends_on": list(t.depends_on), "gain": g, **_place_of(t, fitted)}
-            for t, g in zip(found.terms, found.improvements, strict=True)
-        ],
-        "curves": [_curve(group, value_of, sd_of) for group in found.groups if group[0].kind == kinds.HAT],
-        "alike": list(dict.fromkeys(word for words in found.alike for word in words)),
-        **place,
-    }  # fmt: skip
-
-
-def _bridged(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[Term, float]:
-    """Values at a curve's nodes that the clips leave undetermined: on straight lines between the others."""
-    if group[0].kind != kinds.HAT or not any(math.isfinite(sds[t]) for t in group):
-        return {}
-    nodes = _nodes(_curve(group, values, sds))
-    return {t: float(np.interp(t.constants[1], nodes[:, 0], nodes[:, 1])) for t in group if math.isinf(sds[t])}
-
-
-def _nodes(curve: Mapping[str, Any]) -> Array:
-    """Places and values (n, 2) at the nodes of a curve that the clips determine; at all nodes if at none."""
-    every = np.array([curve["at"], curve["value"]]).T
-    known = np.array([sd is not None for sd in curve["sd"]])
-    return every[known] if any(curve["sd"]) else every  # the middle of some has an sd of 0
-
-
-def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> str:
-    """A formula in words: terms with coefficients, curves by their values at the nodes that the clips determine."""
-    if group[0].kind != kinds.HAT:
-        return "; ".join(f"{QUANTITY_TEXTS[t.quantity]}: {values[t]:+.4g} * ({t.factor})" for t in group)
-    curve = _curve(group, values, sds)
-    points = ", ".join(f"{v:+.3g} at {at:g}" for at, v in _nodes(curve).tolist())
-    unit = f" {curve['variable_unit']}" if curve["variable_unit"] != "1" else ""
-    return f"{curve['quantity']}, a curve of {curve['variable']}: {points}{unit}, linear between these"
-
-
-def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[str, Any]:
-    """A curve for result.json: its values with standard deviations at the nodes."""
-    at, value, sd = ([of(t) for t in group] for of in (lambda t: t.constants[1], values.__getitem__, sds.__getitem__))
-    if group[0].quantity not in WITHOUT_CONSTANT and group[0].only is None:  # it is 0 at its middle
-        middle = len(at) // 2
-        at.insert(middle, round(at[middle] - group[middle].constants[2], PLACE_DIGITS) + 0.0)
-        value.insert(middle, 0.0)
-        sd.insert(middle, 0.0)
-    variable = VARIABLES[int(group[0].constants[0])]
-    name, _, unit = QUANTITY_TEXTS[group[0].quantity].partition(" [")
-    where = "" if group[0].only is None else f" where {group[0].only[0]} == {group[0].only[1]}"
-    return {
-        "quantity": f"{name}{where}{unit and f' [{unit}'}", "variable": variable,
-        "variable_unit": VARIABLE_UNITS.get(variable, "1"), "at": at, "value": [float(v) for v in value],
-        "sd": [float(v) if np.isfinite(v) else None for v in sd],
-    }  # fmt: skip
-
-
-def _place_of(term: Term, fitted: FittedModel | None) -> dict[str, Any]:
-    """The place of a term's step, or its decay scale, as `at` of result.json."""
-    if term.kind == kinds.HAT:
-        return {"at": term.constants[1], "at_sd": 0.0}
-    if fitted is None or term.place_name is None:
-        return {}
-    at, sd = fitted.value(f"{EFFECT_NAME}.{term.place_name}")
-    return {"at": at, "at_sd": sd if np.isfinite(sd) else None}
-
-
-def source_from(name: str, described: dict[str, Any], origin: str) -> str:
-    """The text of an effect file for a formula from `describe`, with terms of the library.
-
-    Raises:
-        BadInput: for anything else.
-    """
-    entries, what, where = (described.get(key) for key in ("terms", "what", "where"))
-    if not isinstance(entries, list) or not 0 < len(entries) <= MAX_TERMS:
-        raise BadInput(f"the unexplained structure has no list of 1 to {MAX_TERMS} terms; {RESULT_REMEDY}")
-    terms, values = zip(*(term_from_json(entry) for entry in entries), strict=True)
-    if len({t.name for t in terms}) < len(terms):
-        raise BadInput(f"the unexplained structure has a term twice; {RESULT_REMEDY}")
-    if not isinstance(what, str) or not isinstance(where, str):
-        raise BadInput(f"the unexplained structure has no text for what and where; {RESULT_REMEDY}")
-    return effect_source(name, terms, values, f"SparseFormula found in clips: {what}, {where}.", origin)

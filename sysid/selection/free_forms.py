@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -29,22 +29,14 @@ from models.variables import SESSION_VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
 from sysid.selection.factors import SEEN_BY
+from sysid.selection.families import counted_shapes, local_curves, shapes, shapes_at_one, shapes_beyond
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import (
-    COEFFICIENT_WIDTHS,
-    COUNTED_VARIABLES,
-    RAIL_NAMES,
-    VARIABLE_PAIRS,
-    Shape,
-    counted_shapes,
-    local_curves,
-    shapes,
-    shapes_at_one,
-)
+from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED_VARIABLES, RAIL_NAMES, VARIABLE_PAIRS, Shape
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
+COARSE_INTERVALS, COARSE_TURNS = 2, 6  # of functions of two variables, as many as MAX_COEFFICIENTS allows
 FINE_INTERVALS = 24  # of the splines of what a formula already depends on
 SHORTEST = 1.25  # length over which a function varies, at least, between the nodes of its splines
 SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over its quantity's width
@@ -60,6 +52,7 @@ class Block:
     quantity: str
     variables: tuple[str, ...]  # one or two
     axes: tuple[Axis, Axis]
+    known: tuple[Shape, ...] = ()  # of the first variable, which may act on one side of a value of the second alone
 
     @property
     def name(self) -> str:
@@ -83,6 +76,9 @@ class Block:
     def shapes(self, seen: Mapping[str, Span]) -> list[list[Shape]]:
         """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
+        if self.known:
+            span = seen[self.variables[1]]
+            return [family for shape in self.known for family in shapes_beyond(shape, self.variables[1], *span)]
         if len(self.variables) > 1:
             over = self.variables[1]
             return shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))
@@ -161,20 +157,24 @@ def counts_of(clips: Sequence[Clip]) -> dict[str, int]:
 
 
 def blocks(
-    seen: Mapping[str, Span], counted: dict[str, int], known: Collection[tuple[str, str]] = (), *, joint: bool = False
+    seen: Mapping[str, Span], counted: dict[str, int], formula: Sequence[Shape] = (), *, joint: bool = False
 ) -> list[Block]:
     """All of one variable, and of those that a quantity may depend on together.
+
+    What is known to depend on a variable may do so for a single rail, ball, table or player, or on one side of a value
+    of another variable alone: functions of two variables are sought beside those of one of them.
 
     Args:
         seen: ranges of the variables.
         counted: numbers of what is counted.
-        known: quantities and variables of a formula; what these leave may vary over less.
+        formula: shapes that a fit has; what these leave may vary over less.
         joint: whether every other variable may matter at a single rail, ball, table or player.
     """
     axes = {name: Axis.over(name, span.low, span.high, INTERVALS) for name, span in seen.items()}
     fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
+    known = {(shape[0].quantity, shape[0].variable) for shape in formula if shape[0].variable and not shape[0].only}
     found = []
     for quantity, its in SEEN_BY.items():
         for name in its:
@@ -184,9 +184,33 @@ def blocks(
         at_one = [name for name in its if name in axes and name in COUNTED_VARIABLES]
         for pair in itertools.product(at_one, [name for name in its if name in axes and name not in COUNTED_VARIABLES]):
             few = math.prod(axes[name].count for name in pair) <= MAX_COEFFICIENTS
-            if pair in VARIABLE_PAIRS or (joint and few):
+            beside = any((quantity, name) in known for name in pair)
+            if pair in VARIABLE_PAIRS or ((joint or beside) and few):
                 found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
+        for name in [name for name in its if (quantity, name) in known and name not in COUNTED_VARIABLES]:
+            its_shapes = [one for one in formula if (one[0].quantity, one[0].variable) == (quantity, name)]
+            found += _beside(quantity, name, [other for other in its if other in seen], seen, its_shapes)
     return found
+
+
+def _beside(
+    quantity: str, name: str, others: Sequence[str], seen: Mapping[str, Span], its_shapes: Sequence[Shape]
+) -> list[Block]:
+    """Functions of a variable with shapes that are known, and of one of the others."""
+    known = tuple(shape for shape in its_shapes if shape[0].only is None)
+    found = []
+    for other in others:
+        if other != name:
+            pair = [_coarse(one, seen) for one in (name, other)]
+            found.append(Block(quantity, (name, other), (pair[0], pair[1]), known))
+    return found
+
+
+def _coarse(name: str, seen: Mapping[str, Span]) -> Axis:
+    """The axis of one of two variables, neither of which is counted."""
+    if name == "heading":
+        return Axis.around(name, COARSE_TURNS)
+    return Axis.over(name, seen[name].low, seen[name].high, COARSE_INTERVALS)
 
 
 @dataclass(frozen=True)

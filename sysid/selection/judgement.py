@@ -60,9 +60,9 @@ def unknowns_of_terms(terms: Shape) -> list[Unknown]:
     found = []
     for term in terms:
         found.append(Unknown(f"{EFFECT_NAME}.{term.name}", 0.0, PART_OF_WIDTH * term.width, True))
-        if term.limits is not None and term.place_name is not None:
-            low, high = term.limits
-            name = f"{EFFECT_NAME}.{term.place_name}"
+        for place in term.places:
+            low, high = place.bounds
+            name = f"{EFFECT_NAME}.{place.name}"
             found.append(Unknown(name, 0.5 * (low + high), (high - low) / math.sqrt(12.0), False))
     return found
 
@@ -77,6 +77,11 @@ class Judged(Generic[V]):
     over_scatter: float  # log odds over separate values for each shot
     evidence: Evidence
     held: float  # gain of log likelihood in held-out shots
+
+    @property
+    def names(self) -> str:
+        """The parameters, for a message."""
+        return ", ".join(one.name for one in self.unknowns)
 
     @property
     def in_all(self) -> float:

@@ -166,36 +166,52 @@ def _added(
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
-    """Fitted effects, the likeliest first, all at the errors of the model of the best; clearly inferior ones come last.
+    """Fitted effects, the likeliest first, with their evidence; clearly inferior ones come last."""
+    found = list[tuple[FittedCandidate, Judged[V]]]()
+    for k, at, more in likeliest_first([at for _, at in good], [0] * len(good)):
+        first = max((at for _, at in good), key=lambda at: at.in_all)
+        bic = first.evidence.delta_bic + 2.0 * more
+        seen = dataclasses.replace(at.evidence, log_odds=first.log_odds + more, delta_bic=bic)
+        found.append((dataclasses.replace(good[k][0], fitted=at.view.fitted, evidence=seen), at))
+    return found
 
-    They were fitted at the errors of the model that lacks them all, which hide their differences. Of effects that the
-    shots do not separate, the one with the fewest parameters comes first.
+
+def likeliest_first(good: Sequence[Judged[V]], variables: Sequence[int]) -> list[tuple[int, Judged[V], float]]:
+    """Rival causes, the likeliest first, all at the errors of the model of the best; clearly inferior ones come last.
+
+    Each was judged against a fit without it that began from its own initial states, and at the errors of the model that
+    lacks them all. Both hide how they differ, so that they are compared with each other. Of causes that the shots do
+    not separate, the one with the fewest variables comes first, then the one with the fewest parameters.
+
+    Args:
+        good: the judged causes.
+        variables: number of variables that each depends on.
+
+    Returns:
+        The place of each in `good`, its evidence, and its log odds over the one with the most evidence against nothing.
     """
-    order = sorted(good, key=lambda one: -one[1].log_odds)
+    order = sorted(range(len(good)), key=lambda k: -good[k].in_all)
     if not order:
         return []
-    first = dataclasses.replace(order[0][1], view=order[0][1].view.renewed())
-    fits = [(order[0][0], first, 0.0)]
-    for one, at in order[1:]:
-        at = dataclasses.replace(at, view=at.view.beside(first.view))
-        more = likelier(first.view, first.unknowns, at.view, at.unknowns)
-        log.info("%s over %s: log odds %.1f", one.name, order[0][0].name, more)
-        fits.append((one, at, more))
+    first = dataclasses.replace(good[order[0]], view=good[order[0]].view.renewed())
+    fits = [(order[0], first, 0.0)]
+    for k in order[1:]:
+        at = dataclasses.replace(good[k], view=good[k].view.beside(first.view))
+        more = likelier(first.view, first.unknowns, at.view, at.unknowns) + min(at.held, 0.0) - min(first.held, 0.0)
+        log.info("%s over %s: log odds %.1f", at.names, first.names, more)
+        fits.append((k, at, more))
     top = max(more for _, _, more in fits)
 
-    def rank(fit: tuple[FittedCandidate, Judged[V], float]) -> tuple[bool, int, float]:
-        separated = fit[2] <= top - SEPARATED_LOG_ODDS
-        return separated, 0 if separated else len(fit[1].unknowns), -fit[2]
+    def rank(fit: tuple[int, Judged[V], float]) -> tuple[bool, int, int, float]:
+        k, at, more = fit
+        separated = more <= top - SEPARATED_LOG_ODDS
+        return separated, 0 if separated else variables[k], 0 if separated else len(at.unknowns), -more
 
-    found, fits = [], sorted(fits, key=rank)
-    if fits[0][1] is not first:
-        fits[0] = (fits[0][0], dataclasses.replace(fits[0][1], view=fits[0][1].view.renewed()), fits[0][2])
-    for one, at, more in fits:
-        seen = dataclasses.replace(
-            one.evidence, log_odds=first.log_odds + more, delta_bic=order[0][0].evidence.delta_bic + 2.0 * more
-        )
-        found.append((dataclasses.replace(one, fitted=at.view.fitted, evidence=seen), at))
-    return found
+    fits = sorted(fits, key=rank)
+    k, at, more = fits[0]
+    if at is not first:
+        fits[0] = k, dataclasses.replace(at, view=at.view.renewed()), more
+    return fits
 
 
 def explained_by_shape(
@@ -214,22 +230,18 @@ def explained_by_shape(
         rival: the fit with the effect.
         threshold: that a shape must pass.
     """
-    tried = []
+    tried = list[tuple[Judged[V], SparseFormula, Shape]]()
     for larger in grown(formula, view.point, seen):
         shape = larger.terms[0 if formula is None else len(formula.terms) :]
         more = view.with_effect(larger.score())
         at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
         if threshold.is_passed(at):
             tried.append((at, larger, shape))
-        elif not tried:  # the likeliest
-            break
     if not tried:
         return None
-    least = max(one.in_all for one, _, _ in tried) - SEPARATED_LOG_ODDS
-    alike = [one for one in tried if one[0].in_all > least]
-    at, larger, shape = min(alike, key=lambda one: (len(one[2][0].depends_on), len(one[0].unknowns), -one[0].in_all))
-    best = at.view.renewed()
-    return (best, larger) if rival is None or outdoes(best, shape, rival) else None
+    k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]
+    _, larger, shape = tried[k]
+    return (best.view, larger) if rival is None or outdoes(best.view, shape, rival) else None
 
 
 def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:

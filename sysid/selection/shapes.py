@@ -1,6 +1,6 @@
 """Choice of the shape of an unknown function, by scores of all possible shapes.
 
-In: families of shapes (terms.py), and scores. Out: the likeliest of each family, with the places of its steps.
+In: families of shapes (families.py), and scores. Out: the likeliest of each family, with the places of its steps.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from models import formula as kinds
+from sysid.selection.families import PARTS_OF_RANGE
 from sysid.selection.free_forms import Cause, cause_of, mean_odds, usual_values
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import PARTS_OF_RANGE, Shape, effect_from_terms
+from sysid.selection.terms import Shape, effect_from_terms
 
 FINER_PARTS = 6  # of a part of a range: the finer grid of places around one of the first grid
 MIN_PLACE_LOG_ODDS = 0.1  # least gain of log odds by another place, beyond rounding
@@ -53,18 +54,29 @@ def at_likeliest_places(
 
 
 def around(shape: Shape) -> list[Shape]:
-    """The shape with its steps and bends (two at most) at finer places, up to the neighbouring grid points."""
+    """The shape with its steps, bends and where it begins to act (two at most) at finer places, to the neighbours."""
     moving = [k for k, term in enumerate(shape) if term.limits is not None and term.kind != kinds.DECAY]
-    if not 0 < len(moving) <= 2:
+    one_sided = shape[0].is_on_one_side
+    if not 0 < len(moving) + one_sided <= 2:
         return [shape]
     found = [shape]
     for k in moving:
-        low, high = shape[k].limits or (0.0, 0.0)
-        at, spacing = shape[k].constants[1], (high - low) / PARTS_OF_RANGE
-        places = [at + spacing * part / FINER_PARTS for part in range(-FINER_PARTS, FINER_PARTS + 1)]
-        moved = [shape[k].moved(place) for place in places if low < place < high]
+        places = _finer(shape[k].constants[1], shape[k].limits)
+        moved = [shape[k].moved(place) for place in places]
         found = [(*one[:k], term, *one[k + 1 :]) for one in found for term in moved]
-    return [one for one in found if len(one) == 1 or one[0].constants[1] < one[-1].constants[1]]
+    found = [one for one in found if len(moving) < 2 or one[0].constants[1] < one[-1].constants[1]]
+    if one_sided and shape[0].only is not None:
+        places = _finer(shape[0].only.which, shape[0].only_limits)
+        found = [tuple(term.acting_from(place) for term in one) for one in found for place in places]
+    return found
+
+
+def _finer(at: float, limits: tuple[float, float] | None) -> list[float]:
+    """Places around one of the first grid, up to its neighbours."""
+    low, high = limits or (at, at)
+    spacing = (high - low) / PARTS_OF_RANGE
+    places = [at + spacing * part / FINER_PARTS for part in range(-FINER_PARTS, FINER_PARTS + 1)]
+    return [place for place in places if low < place < high]
 
 
 def without_terms(every: Sequence[Shape], have: Collection[str]) -> list[Shape]:

@@ -5,9 +5,9 @@ In: a table, or the terms of an earlier result.json. Out: the library of terms, 
 A term is a factor on a quantity of the motion: a drag on rolling balls, a change of the sliding friction, a push, a
 lateral acceleration, a change of restitution or friction at a cushion or between balls, a shift in the image. For every
 variable that a quantity may depend on (`SEEN_BY`) there are lines, powers, bends, steps and decays, and if none of
-these fits, a curve of piecewise linear hat functions. Each may act at one rail only (`only_at`). A few further terms
-that physics suggests depend on two variables. Terms are data: codes and constants for models/formula.py, and the same
-factor as text.
+these fits, a curve of piecewise linear hat functions (families.py). Each may act at one rail only (`only_at`), or on
+one side of a value of another variable (`only_beyond`). A few further terms that physics suggests depend on two
+variables. Terms are data: codes and constants for models/formula.py, and the same factor as text.
 Texts of an earlier result are never evaluated: factors are parsed as numbers and variables.
 """
 
@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 from models import formula as kinds
 from models.effect import Effect
-from models.formula import MovingPlace, Part, formula
+from models.formula import EVERYWHERE, MovingPlace, Only, Part, formula
 from models.shot import Table
-from models.variables import NONE, SESSION_VARIABLES, VARIABLES
+from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.selection.factors import SEEN_BY, factor_code
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
@@ -47,7 +47,9 @@ class Term:
     kind: int = kinds.ONE  # the factor's code in models.formula
     constants: tuple[float, ...] = ()
     limits: tuple[float, float] | None = None  # bounds of the place of a step or a bend, or of the scale of a decay
-    only: tuple[str, int] | None = None  # a counted variable, and the only value of it at which the term acts
+    only: Only | None = None  # where alone the term acts
+    only_limits: tuple[float, float] | None = None  # bounds of the place where it begins to act
+    only_moves: bool = False  # whether that place is a parameter
 
     @property
     def group(self) -> str:
@@ -58,14 +60,37 @@ class Term:
 
     @property
     def variable(self) -> str | None:
-        """The one variable that it depends on; None if there are more, or none."""
-        one = self.kind in (kinds.VARIABLE, kinds.ABOVE, kinds.DECAY, kinds.HAT, kinds.BEND) and self.only is None
+        """The one variable of its factor; None if there are more, or none."""
+        if self.kind in (kinds.COS, kinds.SIN):
+            return "heading"
+        one = self.kind in (kinds.VARIABLE, kinds.ABOVE, kinds.EQUAL, kinds.DECAY, kinds.HAT, kinds.BEND)
         return VARIABLES[int(self.constants[0])] if one else None
 
     @property
-    def place_name(self) -> str | None:
-        """Name of the parameter for the place of its step or bend, or for its decay scale."""
-        return None if self.limits is None else f"{self.name}_{'over' if self.kind == kinds.DECAY else 'at'}"
+    def is_on_one_side(self) -> bool:
+        """Whether it acts on one side of a value of another variable."""
+        return self.only is not None and self.only.side != 0.0
+
+    @property
+    def places(self) -> tuple[MovingPlace, ...]:
+        """Parameters of its step or bend, or of its decay scale, and of where it begins to act."""
+        found = []
+        if self.limits is not None:
+            name = f"{self.name}_{'over' if self.kind == kinds.DECAY else 'at'}"
+            unit = VARIABLE_UNITS.get(VARIABLES[int(self.constants[0])], "1")
+            found.append(MovingPlace(name, unit, self.constants[1], self.limits))
+        if self.only is not None and self.only_limits is not None and self.only_moves:
+            unit = VARIABLE_UNITS.get(VARIABLES[self.only.variable], "1")
+            found.append(MovingPlace(f"{self.name}_from", unit, self.only.which, self.only_limits, "which"))
+        return tuple(found)
+
+    def placed(self, values: Mapping[str, float]) -> Term:
+        """The term with its places at these values, by name."""
+        term = self
+        for place in self.places:
+            at = values[place.name]
+            term = term.moved(at) if place.field == "b" else term.acting_from(at)
+        return term
 
     def moved(self, at: float) -> Term:
         """The term with its step or bend at another place, or with another decay scale."""
@@ -74,19 +99,24 @@ class Term:
             term = bend(self.quantity, variable, at, self.constants[2])
         else:
             term = (step if self.kind == kinds.ABOVE else decay)(self.quantity, variable, at)
-        term = term if self.only is None else only_at(term, *self.only)
-        return dataclasses.replace(term, name=self.name, limits=self.limits)
+        return dataclasses.replace(only_as(term, self), name=self.name, limits=self.limits)
+
+    def acting_from(self, at: float) -> Term:
+        """The term, which acts on one side of a value of a variable, on that side of another value."""
+        if self.only is None:
+            raise ValueError(f"{self.name} acts everywhere")
+        old, new = self.only, self.only._replace(which=round(at, PLACE_DIGITS) + 0.0)
+        return dataclasses.replace(
+            self, only=new, factor=self.factor.replace(condition(old), condition(new), 1),
+            where=self.where.removesuffix(_beyond(old)) + _beyond(new),
+        )  # fmt: skip
 
     def part(self, value: float, source: str) -> Part:
         """The term for a formula, with a value of its coefficient."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
-        code = 1 + kinds.TERM_HOOKS.index(self.quantity)
-        place = None
-        if self.limits is not None and self.place_name is not None:
-            unit = VARIABLE_UNITS.get(VARIABLES[int(self.constants[0])], "1")
-            place = MovingPlace(self.place_name, unit, self.constants[1], self.limits)
-        only = (NONE, 0.0) if self.only is None else (VARIABLES.index(self.only[0]), float(self.only[1]))
-        return Part(self.name, code, self.kind, self.constants, self.unit, value, (-width, width), source, place, only)
+        code, only = 1 + kinds.TERM_HOOKS.index(self.quantity), self.only or EVERYWHERE
+        bounds = (-width, width)
+        return Part(self.name, code, self.kind, self.constants, self.unit, value, bounds, source, self.places, only)
 
 
 QUANTITY_TEXTS = {
@@ -133,13 +163,9 @@ SIZE_VARIABLES = ("wz", "along")  # variables whose absolute value may matter
 COUNTED_VARIABLES = ("rail", "number", "table", "player")  # variables with a few discrete values
 DRIFT_VARIABLES = tuple(name for name in SESSION_VARIABLES if name not in COUNTED_VARIABLES)  # of drifts
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # for two balls
-DECAY_VARIABLES = ("speed", "slip", "approach", "time", "order", "cloth_age")  # over which a quantity may decay
-PARTS_OF_RANGE = 20  # first grid of steps and decays over a variable's range
 PLACE_DIGITS = 4
 VARIABLE_PAIRS = (("rail", "along"),)  # of which a quantity may be a joint function, even where others suffice
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # parts of the names of steps
-CURVE_INTERVALS = (4, 8, 16)  # numbers of intervals between the hats of a curve
-LOCAL_PARTS, LOCAL_INTERVALS = (2, 4, 8), 8  # of a range over which a curve of so many intervals changes
 WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # quantities for which the model has no constant
 
 
@@ -192,15 +218,21 @@ def square(quantity: str, variable: str) -> Term:
 def step(quantity: str, variable: str, at: float) -> Term:
     """A step at a value of the variable."""
     at = round(at, PLACE_DIGITS) + 0.0
-    where = _beyond(quantity, variable, at, 1.0)
+    where = PLACES_OF_ACTION[quantity] + _beyond(Only(VARIABLES.index(variable), at, 1.0))
     return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
-def _beyond(quantity: str, variable: str, at: float, side: float) -> str:
-    """Description of a change above a value of the variable (side 1), or below it (-1)."""
-    sign, word = (">", "above") if side > 0 else ("<", "below")
+def condition(only: Only) -> str:
+    """The condition as Python."""
+    sign = "==" if only.side == 0.0 else ">" if only.side > 0.0 else "<"
+    return f"{VARIABLES[only.variable]} {sign} {only.which:g}"
+
+
+def _beyond(only: Only) -> str:
+    """Description of a side of a value of a variable, after that of a place of action."""
+    variable, (sign, word) = VARIABLES[only.variable], (">", "above") if only.side > 0 else ("<", "below")
     beyond = f"where {variable} {sign}" if variable in PLACE_VARIABLES else f"{VARIABLE_NAMES[variable]} {word}"
-    return f"{PLACES_OF_ACTION[quantity]}, {beyond} {at:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
+    return f", {beyond} {only.which:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
 
 
 def bend(quantity: str, variable: str, at: float, side: float) -> Term:
@@ -209,16 +241,37 @@ def bend(quantity: str, variable: str, at: float, side: float) -> Term:
     name, factor = "up_from", f"max({variable} {'+' if at < 0 else '-'} {abs(at):g}, 0.0)"
     if side < 0:
         name, factor = "down_from", f"max({at:g} - {variable}, 0.0)"
-    return _term(quantity, f"{variable}_{name}", factor, (variable,), 1.0, _beyond(quantity, variable, at, side))
+    where = PLACES_OF_ACTION[quantity] + _beyond(Only(VARIABLES.index(variable), at, side))
+    return _term(quantity, f"{variable}_{name}", factor, (variable,), 1.0, where)
 
 
 def only_at(term: Term, counted: str, k: int) -> Term:
     """The term restricted to one rail, one ball, one table or one player."""
-    name = f"{term.quantity}_{counted}_{k}{term.name.removeprefix(term.quantity)}"
     where = _which(term.quantity, counted, k) + term.where.removeprefix(PLACES_OF_ACTION[term.quantity])
+    return _only(term, Only(VARIABLES.index(counted), float(k)), f"{counted}_{k}", where)
+
+
+def only_beyond(term: Term, variable: str, at: float, side: float) -> Term:
+    """The term restricted to where a variable is above a value (side 1), or below it (-1)."""
+    only = Only(VARIABLES.index(variable), round(at, PLACE_DIGITS) + 0.0, side)
+    return _only(term, only, f"{variable}_{'over' if side > 0 else 'under'}", term.where + _beyond(only))
+
+
+def only_as(term: Term, like: Term) -> Term:
+    """The term under the condition of another one, if that has one."""
+    if like.only is None:
+        return term
+    variable, which, side = VARIABLES[like.only.variable], like.only.which, like.only.side
+    under = only_at(term, variable, int(which)) if side == 0.0 else only_beyond(term, variable, which, side)
+    return dataclasses.replace(under, only_limits=like.only_limits, only_moves=like.only_moves)
+
+
+def _only(term: Term, only: Only, name: str, where: str) -> Term:
+    """The term under a condition."""
     return dataclasses.replace(
-        term, name=name, factor=f"({counted} == {k}) * ({term.factor})", where=where, only=(counted, k),
-        depends_on=tuple(dict.fromkeys((VARIABLE_NAMES[counted], *term.depends_on))),
+        term, name=f"{term.quantity}_{name}{term.name.removeprefix(term.quantity)}",
+        factor=f"({condition(only)}) * ({term.factor})", where=where, only=only,
+        depends_on=tuple(dict.fromkeys((VARIABLE_NAMES[VARIABLES[only.variable]], *term.depends_on))),
     )  # fmt: skip
 
 
@@ -234,90 +287,6 @@ def hat(quantity: str, variable: str, number: str, at: float, half: float, side:
     away = f"- abs{away}" if side == 0.0 else f"{'-' if side > 0 else '+'} {away}"
     factor = f"min(max(1.0 {away} / {half:g}, 0.0), 1.0)"
     return _term(quantity, f"{variable}_curve_{number}", factor, (variable,), 0.0)
-
-
-def curve(
-    quantity: str, variable: str, low: float, high: float, intervals: int, name: str = "", at_one: bool = False
-) -> Shape:
-    """A curve of hats over a range, constant beyond it.
-
-    It is 0 in its middle if the model has a constant of the quantity, which that of one rail or ball is not (`at_one`).
-    Its hats are named by the number of intervals, unless a name is given.
-    """
-    half, middle = max(round((high - low) / intervals, PLACE_DIGITS), 10.0**-PLACE_DIGITS), (low + high) / 2
-    hats = []
-    for k in range(intervals + 1):
-        at = round(round(middle, PLACE_DIGITS) + (k - intervals // 2) * half, PLACE_DIGITS) + 0.0
-        side = 1.0 if k == 0 else -1.0 if k == intervals else 0.0
-        if 2 * k != intervals or at_one or quantity in WITHOUT_CONSTANT:
-            hats.append(hat(quantity, variable, f"{name or intervals}_{k}", at, half, side))
-    return tuple(hats)
-
-
-def local_curves(quantity: str, variable: str, low: float, high: float) -> list[list[Shape]]:
-    """Families of curves over a part of a range: what is so small lies between the nodes of a curve over all of it."""
-    found = []
-    for parts in LOCAL_PARTS:
-        half, name = (high - low) / parts / 2, f"{parts * LOCAL_INTERVALS}"
-        found.append([
-            curve(quantity, variable, low + k * half, low + (k + 2) * half, LOCAL_INTERVALS, f"{name}_{k}")
-            for k in range(2 * parts - 1)
-        ])  # fmt: skip
-    return found
-
-
-def shapes(
-    quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] | None = None,
-    at_one: bool = False,
-) -> list[list[Shape]]:  # fmt: skip
-    """Families of shapes of a variable over a range, each with its possible places or scales.
-
-    `places` are those of steps and bends; by default the edges between PARTS_OF_RANGE parts of the range.
-    """
-    plain = straight(quantity, variable, 0)
-    families: list[list[Shape]] = [[(one,)] for one in plain]
-    if variable == "heading":
-        return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
-    parts = [(high - low) * k / PARTS_OF_RANGE for k in range(1, PARTS_OF_RANGE)]
-    places = tuple(low + part for part in parts) if places is None else places
-    steps = [step(quantity, variable, place) for place in places]
-    steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
-    second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
-    families += [[(square(quantity, variable),)], [(one,) for one in steps]]
-    for side in (1.0, -1.0):
-        bends = [bend(quantity, variable, place, side) for place in places]
-        families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])
-    if variable not in DRIFT_VARIABLES:  # two steps would single out a few departing clips
-        families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
-    if variable in DECAY_VARIABLES:
-        decays, least = [decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
-        families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
-    if variable in SIZE_VARIABLES:
-        families.append([(size(quantity, variable),)])
-    curves = [curve(quantity, variable, low, high, intervals, at_one=at_one) for intervals in CURVE_INTERVALS]
-    return [*families, curves]
-
-
-def shapes_at_one(
-    quantity: str,
-    counted: str,
-    count: int,
-    variable: str,
-    low: float,
-    high: float,
-    places: tuple[float, ...] | None = None,
-) -> list[list[Shape]]:
-    """The shapes restricted to each single rail or ball."""
-    every = shapes(quantity, variable, low, high, places, at_one=True)
-    return [
-        [tuple(only_at(one, counted, k) for one in shape) for shape in family] for k in range(count) for family in every
-    ]
-
-
-def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]]:
-    """Shapes of rails or balls: a single one, or each relative to the first."""
-    each = straight(quantity, variable, count)
-    return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
 
 
 def product(quantity: str, variable: str, over: str) -> Term:
@@ -341,7 +310,7 @@ def _cells(table: Table) -> list[Term]:
 
 
 def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Collection[str] = ()) -> list[Term]:
-    """The terms that are scored first; `shapes` has more of one variable.
+    """The terms that are scored first; families.py has more of one variable.
 
     Args:
         table: on which they act.

@@ -36,6 +36,7 @@ from sysid.selection.terms import (
     hat,
     library,
     only_at,
+    only_beyond,
     size,
     square,
     step,
@@ -96,11 +97,15 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
     if code is None or quantity not in SEEN_BY:
         return None
     if found := ONLY_PATTERN.fullmatch(factor):
-        counted = f"{found[1]}_{int(found[2])}"
-        plain = name.replace(f"{counted}_", "", 1)
-        term = _known_terms().get((plain, quantity)) or _read(plain, quantity, found[3])
-        known = (f"{quantity}_{counted}", quantity) in _known_terms()
-        return only_at(term, found[1], int(found[2])) if known and term is not None else None
+        counted, k, variable, sign, at, inner = found.groups()
+        condition = f"{counted}_{int(k)}" if counted else f"{variable}_{'over' if sign == '>' else 'under'}"
+        plain = name.replace(f"{condition}_", "", 1)
+        term = _known_terms().get((plain, quantity)) or _read(plain, quantity, inner)
+        if term is None:
+            return None
+        if counted:
+            return only_at(term, counted, int(k)) if (f"{quantity}_{condition}", quantity) in _known_terms() else None
+        return only_beyond(term, variable, float(at), 1.0 if sign == ">" else -1.0)
     if found := BEND_PATTERN.fullmatch(factor):
         return bend(quantity, found[1] or found[5], *code[1][1:])
     if found := STEP_PATTERN.fullmatch(factor):

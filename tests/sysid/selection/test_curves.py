@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sysid.selection.formula import SparseFormula, describe
+from sysid.selection.description import describe
+from sysid.selection.families import curve
+from sysid.selection.formula import SparseFormula
 from sysid.selection.free_forms import Span, blocks
-from sysid.selection.terms import Term, curve, only_at
+from sysid.selection.terms import Term, only_at, step, straight
 from sysid.selection.terms_read import term_from_json
 
 
@@ -36,7 +38,7 @@ def test_a_curve_bridges_what_the_clips_do_not_tell() -> None:
 
 def test_a_formula_that_leaves_something_is_refined_over_parts_of_its_range() -> None:
     seen = {"x": Span(-1.8, 1.8), "y": Span(-0.9, 0.9)}
-    coarse, fine = (blocks(seen, {}, known) for known in ((), [("drag", "x")]))
+    coarse, fine = (blocks(seen, {}, known) for known in ((), [(step("drag", "x", 0.4),)]))
     assert not any(one.is_fine for one in coarse)
     (one,) = [block for block in fine if block.is_fine]
     assert (one.quantity, one.variables) == ("drag", ("x",)) and len(one.correlations()) > len(coarse[0].correlations())
@@ -58,3 +60,17 @@ def test_what_a_rail_or_a_ball_does_may_depend_on_anything_else() -> None:
     assert "(rail == 0) * (order)" in factors and "(rail == 3) * (order > 0.7)" in factors
     (last,) = more["drag", "number", "heading"].shapes(seen)[-1]
     assert all("heading" in term.factor and term.factor.startswith("(number == 1)") for term in last)
+
+
+def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None:
+    """Beside a shape of a formula functions of its variable and another one are sought, and no others of two."""
+    seen = {"x": Span(-1.8, 1.8), "order": Span(0.0, 1.0, (0.3, 0.7)), "speed": Span(0.0, 3.0)}
+    late = (step("drag", "order", 0.6),)
+    found = {one.variables: one for one in blocks(seen, {"number": 2}, [late]) if len(one.variables) > 1}
+    assert {one.quantity for one in found.values()} == {"drag"}
+    assert set(found) == {("order", "x"), ("order", "speed"), ("number", "order")}
+    factors = [t.factor for family in found["order", "x"].shapes(seen) for shape in family for t in shape]
+    assert len(factors) == 38 and "(x > -1.62) * (order > 0.6)" in factors and "(x < 1.62) * (order > 0.6)" in factors
+    places = {one.variables: one for one in blocks(seen, {}, [tuple(straight("drag", "x", 0))]) if one.known}
+    factors = [t.factor for family in places["x", "order"].shapes(seen) for shape in family for t in shape]
+    assert factors == [f"(order {sign} {at}) * (x)" for sign in "><" for at in (0.3, 0.7)], "between clips alone"

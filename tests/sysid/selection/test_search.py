@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,8 @@ from sysid.selection.formula import SparseFormula
 from sysid.selection.free_forms import causes
 from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
 from sysid.selection.names import Found, with_likelier_name
-from sysid.selection.search import next_cause, outdoes, search, without_needless
+from sysid.selection.screening import candidates_for
+from sysid.selection.search import likeliest_first, next_cause, outdoes, search, without_needless
 from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import candidate
 from sysid.selection.terms import library
@@ -63,6 +65,26 @@ def test_windows_do_not_need_an_effect_that_does_not_help(drag: Made) -> None:
     kept = without_needless(more, ("speed_drag", "side_curve"), None, threshold)
     assert kept[1:] == (("speed_drag",), None)
     assert not any(name.startswith("side_curve") for name in kept[0].names)
+
+
+def test_rivals_are_compared_with_each_other_whatever_each_was_judged_against(drag: Made) -> None:
+    """A cause with better states has a better fit without it, which begins from them, and so seems to gain less."""
+    _, at, base = drag
+    windows = ByWindows(at, base)
+    rows = {row.candidate.name: row for row in windows.scores(candidates_for(windows.model)).rows}
+    right, similar = (
+        judged(windows, more, unknowns_of(rows[name].candidate, more.names))
+        for name in ("speed_drag", "air_drag")
+        for more in (windows.with_effect(rows[name]),)
+    )
+    similar = dataclasses.replace(similar, log_odds=right.log_odds + 500.0)
+    (first, best, _), (second, _, less) = likeliest_first([right, similar], [1, 1])
+    assert (first, second) == (0, 1) and less < best.log_odds
+    (first, *_), _ = likeliest_first([right, right], [2, 1])
+    assert first == 1, "of causes that are alike the one with fewer variables"
+    held = dataclasses.replace(right, held=-1000.0)
+    (first, *_), _ = likeliest_first([held, right], [1, 2])
+    assert first == 1, "held-out shots count"
 
 
 def test_a_shape_that_is_the_law_of_an_effect_gets_its_name(drag: Made) -> None:

@@ -8,10 +8,12 @@ import pytest
 from models.errors import BadInput
 from models.shot import Session
 from sysid.clips import Clip, Observation
-from sysid.selection.formula import SparseFormula, describe
+from sysid.selection.description import describe
+from sysid.selection.families import curve, shapes
+from sysid.selection.formula import SparseFormula
 from sysid.selection.free_forms import ranges
 from sysid.selection.shapes import without_terms
-from sysid.selection.terms import bend, curve, only_at, shapes, step, straight
+from sysid.selection.terms import bend, only_at, step, straight
 from sysid.selection.terms_read import term_from_json
 
 DEEP = 3000  # conditions within conditions, more than Python has calls
@@ -78,9 +80,9 @@ def test_a_step_over_clips_leaves_two_on_either_side(warmth: tuple[float, ...], 
 
 
 def test_no_band_of_clips_is_offered_and_shapes_of_a_formula_are_not_again() -> None:
-    assert all(
-        len(shape) == 1 or "curve" in shape[0].name for family in shapes("drag", "order", 0.0, 1.0) for shape in family
-    )
+    several = [shape for family in shapes("drag", "order", 0.0, 1.0) for shape in family if len(shape) > 1]
+    parabola, *curves = [[term.factor for term in shape] for shape in several]
+    assert parabola == ["order", "order**2"] and all("curve" in shape[0].name for shape in several[1:]) and curves
     few = [family for family in shapes("drag", "order", 0.0, 1.0, ()) if family]
     assert not any(term.limits for family in few for (term, *_) in family if not term.name.endswith("fade"))
     assert any(len(shape) == 2 for family in shapes("drag", "x", 0.0, 1.0) for shape in family)

@@ -25,10 +25,12 @@ from models.simulation.simulate import simulate
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.report.figures import curve_charts
 from sysid.selection import terms as terms_room
+from sysid.selection.description import describe, source_from
 from sysid.selection.effect_file import effect_source
 from sysid.selection.factors import SEEN_BY
-from sysid.selection.formula import SparseFormula, describe, source_from
-from sysid.selection.terms import Shape, Term, curve, effect_from_terms, library, shapes, shapes_at_one
+from sysid.selection.families import curve, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formula import SparseFormula
+from sysid.selection.terms import Shape, Term, condition, effect_from_terms, library
 from sysid.selection.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 from tests.support.effect_files import file_faults
@@ -36,9 +38,16 @@ from tests.support.effect_files import file_faults
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
 SHAPES = [family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:]]
-SHAPES += [family[-1] for family in shapes_at_one("cushion_mu", "rail", 4, "along", -1.7, 1.7)[5::6]]
+SHAPES += [family[-1] for family in shapes_at_one("cushion_mu", "rail", 2, "along", -1.7, 1.7)]
+SHAPES += [
+    shapes_beyond(next(one for one in SHAPES if one[0].name == name), over, -0.7, 1.3)[side][4]
+    for name, over, side in (
+        ("drag_x_above", "order", 0), ("grip_order_up_from", "y", 1), ("cushion_e_along_size", "grazing", 1),
+        ("drag_speed_fade", "x", 0), ("drag_x_curve_16_0", "order", 1),
+    )
+]  # fmt: skip
 COUNTS = {"rail": 4, "number": 3, "table": 3, "player": 3}
-TERMS = [*library(TABLE, COUNTS), *{term.name: term for shape in SHAPES for term in shape}.values()]
+TERMS = list({t.name: t for t in (*library(TABLE, COUNTS), *(t for shape in SHAPES for t in shape))}.values())
 
 
 def terms_of(*names: str) -> list[Term]:
@@ -75,7 +84,8 @@ def track(*names: str, values: tuple[float, ...] = (), order: float = 0.0) -> Tr
 
 
 def test_names_are_distinct_and_words_complete() -> None:
-    assert len({t.name for t in TERMS}) == len(TERMS)
+    every = library(TABLE, COUNTS)
+    assert len({t.name for t in every}) == len(every)
     assert all(t.where and t.depends_on and t.unit and t.width > 0 and t.name.isidentifier() for t in TERMS)
 
 
@@ -126,12 +136,14 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
         for variable in (v for v in variables if v not in terms_room.COUNTED_VARIABLES):
             low, high = (-0.7, 1.1) if variable in "xy" else (0.0, 3.0)
             families = shapes(quantity, variable, low, high)
+            families += shapes_beyond(families[-1][0], "order", 0.0, 1.0) if variable != "order" else []
             families += shapes_at_one(quantity, *counted, variable, 0.0, 3.0) if variable == "along" else []
             terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
             for term in terms:
                 value = term.width / 10
-                assert term_from_json(told(term, value)) == (dataclasses.replace(term, limits=None), value)
+                plain = dataclasses.replace(term, limits=None, only_limits=None, only_moves=False)
+                assert term_from_json(told(term, value)) == (plain, value)
             at_lines = [t for t in terms if t.kind != HAT and effect_from_terms("one", (t,), (0.01,)).opens("horizon")]
             on_cloth = quantity in ("drag", "grip", "push_x", "push_y", "side")
             assert bool(at_lines) == (variable in ("x", "y") and on_cloth)
@@ -141,7 +153,7 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
 
 def values_of(shape: Shape, values: dict[str, float]) -> list[float]:
     """Factors of terms for a ball, or an impact."""
-    rows = [TermRow(0.0, 0.0, float(t.kind), *t.constants, 0.0, 0.0) for t in shape]
+    rows = [TermRow(0.0, 0.0, float(t.kind), *t.constants, *[0.0] * 3) for t in shape]
     return [factor_value(row, FactorArguments(values[VARIABLES[int(row.a)]], *[0.0] * 6)) for row in rows]
 
 
@@ -170,25 +182,6 @@ def test_a_curve_is_told_by_its_values_and_written_whole() -> None:
     (drawn,) = curve_charts(found)
     assert list(drawn.data[-1]["x"]) == [0.0] and "deceleration" in drawn.title.lower()
     assert curve_charts(None) == curve_charts({"curves": []}) == []
-
-
-def test_a_step_acts_beyond_its_line_alone() -> None:
-    term = next(t for family in shapes("drag", "x", -1.0, 1.0) for (t, *_) in family if t.factor == "x > 0.5")
-    model, plain = full_model(TABLE, BALL), track()
-    v, w = np.array([[1.5, 0.2]]), np.array([[-0.2, 1.5, 0.0]]) / BALL.radius
-    shot = Shot(("cue",), np.array([[0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
-    slower = simulate(model.add(effect_from_terms("odd_cloth", (term,), (0.05,))), [shot])[0]
-    before = plain.position[:, 0, 0] < 0.5
-    before &= np.cumsum(~before) == 0
-    np.testing.assert_allclose(slower.position[before], plain.position[before], atol=1e-9)
-    assert slower.velocity[5, 0, 0] < plain.velocity[5, 0, 0] - 1e-3
-    earlier = simulate(
-        model.add(effect_from_terms("odd_cloth", (term,), (0.05,))).with_values({"odd_cloth.drag_x_above_at": 0.4}),
-        [shot],
-    )[0]
-    assert earlier.velocity[5, 0, 0] < slower.velocity[5, 0, 0] - 1e-3
-    moved = simulate(model.add(effect_from_terms("odd_cloth", (term.moved(0.4),), (0.05,))), [shot])[0]
-    assert moved.position.tobytes() == earlier.position.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -225,9 +218,9 @@ def test_the_text_of_a_factor_says_what_its_code_does(quantity: str) -> None:
         v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT or term.kind == BEND else 0.0
         if term.kind == PRODUCT:
             v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
-        row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0)
+        row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0, 0.0)
         found = factor_value(row, FactorArguments(v, x, y, math.atan2(vy, vx), wz, first, second))
-        if term.only is not None and variables[term.only[0]] != term.only[1]:
+        if term.only is not None and not eval(condition(term.only), {"__builtins__": {}}, variables):
             found = 0.0
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
         assert found == pytest.approx(float(said), rel=1e-12, abs=1e-12), term.name
@@ -250,7 +243,9 @@ def test_the_file_does_what_the_formula_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...]
 ) -> None:
     monkeypatch.setattr(models.model_file, "_added", {})
-    chosen = [dataclasses.replace(t, limits=None) for t in terms_of(*names)]  # a file has places as numbers
+    chosen = [
+        dataclasses.replace(t, limits=None, only_moves=False) for t in terms_of(*names)
+    ]  # a file has places as numbers
     values = [0.3 * t.width for t in chosen]
     path = tmp_path / "odd_cloth.py"
     path.write_text(effect_source("odd_cloth", chosen, values, "Odd.", "a test"))
@@ -392,8 +387,10 @@ def test_a_parameter_stands_where_its_row_has_it() -> None:
     steps = [
         next(t for family in shapes(q, "x", -1.0, 1.0) for (t, *_) in family if t.limits) for q in ("drag", "grip")
     ]
+    (steps[1],) = shapes_beyond(tuple(steps[1:]), "y", -0.5, 0.5)[0][0]
     effect = effect_from_terms("odd_cloth", [t.moved(0.5) for t in steps], (0.05, 0.3))
-    assert list(effect.parameters()) == ["drag_x_above", "drag_x_above_at", "grip_x_above", "grip_x_above_at"]
+    beside = ["grip_y_over_x_above", "grip_y_over_x_above_at", "grip_y_over_x_above_from"]
+    assert list(effect.parameters()) == ["drag_x_above", "drag_x_above_at", *beside]
     for key in effect.parameters():
         moved = dataclasses.replace(effect, **{key: 0.8 * getattr(effect, key)})
         assert np.flatnonzero(moved.row(1)[0] != effect.row(1)[0]).tolist() == [effect.column(key)]
