@@ -47,6 +47,7 @@ from sysid.selection.terms import (
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 RIVAL_SHARE = 0.5  # predicted log odds of a rival over the likeliest cause's, at least; right to a factor of two
+MAX_FUNCTIONS = 6  # most functions whose shapes are scored
 MAX_RIVALS = 3  # most functions that are fitted, and shapes of the likeliest of them
 MAX_LOGGED = 5  # of the likeliest causes
 MAX_PART_OF_BOUNDS = 0.95  # largest start value of a term, over its bounds
@@ -176,8 +177,8 @@ def _functions(
 def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[SparseFormula]:
     """Formulas with an additional shape for the remaining structure; empty if nothing unnamed is likely.
 
-    Returns a few shapes of the likeliest function, and one of each similarly likely function. Scores are evaluated at a
-    fit that may be biased without them, so that only fits can decide.
+    Returns a few shapes of the function that has the likeliest, and one of each similarly likely function. Scores are
+    evaluated at a fit that may be biased without them, so that only fits can decide.
 
     Also empty if a function of the clips' order, a value for each shot, is as likely as one of the balls' motion: the
     clips then show that the quantity differs between shots, but not on what it depends.
@@ -191,17 +192,18 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     found, terms = [cause for cause in looked.found if cause.name not in looked.named], looked.terms
     if found[0].log_odds <= 0.0:
         return []
-    rivals = list[tuple[Shape, Cause]]()
-    for k, one in enumerate(found[:MAX_RIVALS]):
+    each = list[list[tuple[Shape, Cause]]]()  # the likeliest shapes of every function
+    for one in found[:MAX_FUNCTIONS]:
         if one.log_odds < RIVAL_SHARE * found[0].log_odds:
             break
         if one.block is None:
-            rivals.append((shape_of(one.name, terms), one))
-            continue
-        if families := _lacking(one.block.shapes(looked.seen), old):
-            rivals += likeliest(families, looked.score)[: 1 if k else MAX_RIVALS]
+            each.append([(shape_of(one.name, terms), one)])
+        elif families := _lacking(one.block.shapes(looked.seen), old):
+            each.append(likeliest(families, looked.score))
+    each = [[one for one in few if len(old.terms) + len(one[0]) <= MAX_TERMS] for few in each]
+    each = sorted([few for few in each if few], key=lambda few: -few[0][1].log_odds)[:MAX_RIVALS]
+    rivals = [one for k, few in enumerate(each) for one in few[: 1 if k else MAX_RIVALS]]
     rivals = [at_likeliest_places(shape, cause, looked.score) for shape, cause in rivals]
-    rivals = [(shape, cause) for shape, cause in rivals if len(old.terms) + len(shape) <= MAX_TERMS]
     if not rivals:
         return []
     shape = rivals[0][0]

@@ -15,6 +15,7 @@ and smoothnesses. What many coefficients could explain by chance is so paid for,
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -25,14 +26,14 @@ import numpy as np
 
 from models import formula as kinds
 from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, STEPS, Axis, FreeForm, free_form
-from models.variables import SESSION_VARIABLES
+from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
 from sysid.selection.factors import SEEN_BY
 from sysid.selection.families import counted_shapes, local_curves, shapes, shapes_at_one, shapes_beyond
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED_VARIABLES, RAIL_NAMES, VARIABLE_PAIRS, Shape
+from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED_VARIABLES, RAIL_NAMES, VARIABLE_PAIRS, Shape, step
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
@@ -162,7 +163,7 @@ def blocks(
     """All of one variable, and of those that a quantity may depend on together.
 
     What is known to depend on a variable may do so for a single rail, ball, table or player, or on one side of a value
-    of another variable alone: functions of two variables are sought beside those of one of them.
+    of another variable alone: functions of two variables are sought if one of the two is known to matter.
 
     Args:
         seen: ranges of the variables.
@@ -174,7 +175,8 @@ def blocks(
     fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
-    known = {(shape[0].quantity, shape[0].variable) for shape in formula if shape[0].variable and not shape[0].only}
+    plain = _without_conditions(formula)
+    known = {(shape[0].quantity, shape[0].variable) for shape in plain}
     found = []
     for quantity, its in SEEN_BY.items():
         for name in its:
@@ -188,22 +190,22 @@ def blocks(
             if pair in VARIABLE_PAIRS or ((joint or beside) and few):
                 found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
         for name in [name for name in its if (quantity, name) in known and name not in COUNTED_VARIABLES]:
-            its_shapes = [one for one in formula if (one[0].quantity, one[0].variable) == (quantity, name)]
-            found += _beside(quantity, name, [other for other in its if other in seen], seen, its_shapes)
+            own = tuple(shape for shape in plain if (shape[0].quantity, shape[0].variable) == (quantity, name))
+            for other in [other for other in its if other in seen and other != name]:
+                found.append(Block(quantity, (name, other), (_coarse(name, seen), _coarse(other, seen)), own))
     return found
 
 
-def _beside(
-    quantity: str, name: str, others: Sequence[str], seen: Mapping[str, Span], its_shapes: Sequence[Shape]
-) -> list[Block]:
-    """Functions of a variable with shapes that are known, and of one of the others."""
-    known = tuple(shape for shape in its_shapes if shape[0].only is None)
-    found = []
-    for other in others:
-        if other != name:
-            pair = [_coarse(one, seen) for one in (name, other)]
-            found.append(Block(quantity, (name, other), (pair[0], pair[1]), known))
-    return found
+def _without_conditions(formula: Sequence[Shape]) -> list[Shape]:
+    """Shapes without their conditions, and a step where such a condition begins."""
+    found = list[Shape]()
+    for shape in formula:
+        found.append(tuple(term.everywhere for term in shape))
+        only = shape[0].only
+        if only is not None and only.side != 0.0:
+            at = step(shape[0].quantity, VARIABLES[only.variable], only.which)
+            found.append((dataclasses.replace(at, limits=shape[0].only_limits),))
+    return list({tuple(term.name for term in shape): shape for shape in found}.values())
 
 
 def _coarse(name: str, seen: Mapping[str, Span]) -> Axis:

@@ -5,6 +5,7 @@ In: families of shapes (families.py), and scores. Out: the likeliest of each fam
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
@@ -23,7 +24,10 @@ MIN_PLACE_LOG_ODDS = 0.1  # least gain of log odds by another place, beyond roun
 def likeliest(
     families: Sequence[Sequence[Shape]], score: Callable[[Sequence[Candidate]], Scores]
 ) -> list[tuple[Shape, Cause]]:
-    """The likeliest place or scale of each family of shapes, as shape and cause; the likeliest family first."""
+    """The likeliest place or scale of each family of shapes, as shape and cause; the likeliest family first.
+
+    The log odds of the cause are those of the family: averaged over its places.
+    """
     terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
     scores = score(shape_candidates([(term,) for term in terms]))
     usual, name_of = usual_values(scores), {term: f"shape{k}" for k, term in enumerate(terms)}
@@ -31,13 +35,12 @@ def likeliest(
         shape: cause_of(scores, usual, [name_of[term] for term in shape]) for family in families for shape in family
     }
 
-    def likeliness(family: Sequence[Shape]) -> float:
-        return float(mean_odds(np.array([odds[shape].log_odds for shape in family])))
-
-    best = [
-        max(family, key=lambda shape: odds[shape].log_odds) for family in sorted(families, key=likeliness, reverse=True)
-    ]
-    return [(shape, odds[shape]) for shape in best]
+    found = list[tuple[Shape, Cause]]()
+    for family in families:
+        best = max(family, key=lambda shape: odds[shape].log_odds)
+        of_all = float(mean_odds(np.array([odds[shape].log_odds for shape in family])))
+        found.append((best, dataclasses.replace(odds[best], log_odds=of_all)))
+    return sorted(found, key=lambda one: -one[1].log_odds)
 
 
 def at_likeliest_places(

@@ -50,6 +50,7 @@ class Term:
     only: Only | None = None  # where alone the term acts
     only_limits: tuple[float, float] | None = None  # bounds of the place where it begins to act
     only_moves: bool = False  # whether that place is a parameter
+    plain: Term | None = None  # acting everywhere; None if it does
 
     @property
     def group(self) -> str:
@@ -92,24 +93,28 @@ class Term:
             term = term.moved(at) if place.field == "b" else term.acting_from(at)
         return term
 
+    @property
+    def everywhere(self) -> Term:
+        """The term without its condition."""
+        return self if self.plain is None else dataclasses.replace(self.plain, limits=self.limits)
+
     def moved(self, at: float) -> Term:
         """The term with its step or bend at another place, or with another decay scale."""
+        if self.plain is not None:
+            return dataclasses.replace(only_as(self.plain.moved(at), self), name=self.name, limits=self.limits)
         variable = VARIABLES[int(self.constants[0])]
         if self.kind == kinds.BEND:
             term = bend(self.quantity, variable, at, self.constants[2])
         else:
             term = (step if self.kind == kinds.ABOVE else decay)(self.quantity, variable, at)
-        return dataclasses.replace(only_as(term, self), name=self.name, limits=self.limits)
+        return dataclasses.replace(term, name=self.name, limits=self.limits)
 
     def acting_from(self, at: float) -> Term:
         """The term, which acts on one side of a value of a variable, on that side of another value."""
         if self.only is None:
             raise ValueError(f"{self.name} acts everywhere")
-        old, new = self.only, self.only._replace(which=round(at, PLACE_DIGITS) + 0.0)
-        return dataclasses.replace(
-            self, only=new, factor=self.factor.replace(condition(old), condition(new), 1),
-            where=self.where.removesuffix(_beyond(old)) + _beyond(new),
-        )  # fmt: skip
+        there = dataclasses.replace(self, only=self.only._replace(which=at))
+        return dataclasses.replace(only_as(self.everywhere, there), name=self.name)
 
     def part(self, value: float, source: str) -> Part:
         """The term for a formula, with a value of its coefficient."""
@@ -271,6 +276,7 @@ def _only(term: Term, only: Only, name: str, where: str) -> Term:
     return dataclasses.replace(
         term, name=f"{term.quantity}_{name}{term.name.removeprefix(term.quantity)}",
         factor=f"({condition(only)}) * ({term.factor})", where=where, only=only,
+        plain=dataclasses.replace(term, limits=None),
         depends_on=tuple(dict.fromkeys((VARIABLE_NAMES[VARIABLES[only.variable]], *term.depends_on))),
     )  # fmt: skip
 

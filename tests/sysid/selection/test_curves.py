@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sysid.selection.description import describe
-from sysid.selection.families import curve
+from sysid.selection.families import curve, shapes_beyond
 from sysid.selection.formula import SparseFormula
 from sysid.selection.free_forms import Span, blocks
 from sysid.selection.terms import Term, only_at, step, straight
@@ -74,3 +74,10 @@ def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None
     places = {one.variables: one for one in blocks(seen, {}, [tuple(straight("drag", "x", 0))]) if one.known}
     factors = [t.factor for family in places["x", "order"].shapes(seen) for shape in family for t in shape]
     assert factors == [f"(order {sign} {at}) * (x)" for sign in "><" for at in (0.3, 0.7)], "between clips alone"
+    (fast,) = shapes_beyond(late, "speed", 0.0, 3.0, (1.2,))[0][0]
+    pairs = {one.variables: one for one in blocks(seen, {}, [(fast,)]) if one.known}
+    assert {("order", "x"), ("speed", "x"), ("order", "speed"), ("speed", "order")} == set(pairs)
+    assert [shape[0].factor for one in ("order", "speed") for shape in pairs[one, "x"].known] == [
+        "order > 0.6",
+        "speed > 1.2",
+    ]

@@ -142,8 +142,8 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
             for term in terms:
                 value = term.width / 10
-                plain = dataclasses.replace(term, limits=None, only_limits=None, only_moves=False)
-                assert term_from_json(told(term, value)) == (plain, value)
+                at_numbers = dataclasses.replace(term, limits=None, only_limits=None, only_moves=False)
+                assert term_from_json(told(term, value)) == (at_numbers, value)
             at_lines = [t for t in terms if t.kind != HAT and effect_from_terms("one", (t,), (0.01,)).opens("horizon")]
             on_cloth = quantity in ("drag", "grip", "push_x", "push_y", "side")
             assert bool(at_lines) == (variable in ("x", "y") and on_cloth)
