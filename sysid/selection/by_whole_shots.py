@@ -106,6 +106,10 @@ class ByWholeShots(FitView):
         """The fit without an effect, other constants unchanged."""
         return dataclasses.replace(self, now=remove_effect(self.now, name))
 
+    def at_constants(self, c: Array) -> Self:
+        """See `FitView`."""
+        return dataclasses.replace(self, now=dataclasses.replace(self.now, constants=c))
+
     def beside(self, other: Self) -> Self:
         """The fit, started from the initial states of another one in the shots where they are likelier."""
         now = warm_started(self.parts, self.now, other.now, "from another optimum")
@@ -171,8 +175,9 @@ def _best_start(base: FittedModel, score: Score) -> tuple[float, Array, Array, E
     bounds = one.bounds()
     problem, found = base.weighted, list[tuple[float, Array, Array, Effect]]()
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
-    for move in (score.values - off, one.usual()):
-        effect = one.at(np.clip(off + move, inner[:, 0], inner[:, 1]))
+    sizes = np.clip([score.values, off + one.usual()], inner[:, 0], inner[:, 1]).tolist()
+    for size in dict.fromkeys(map(tuple, sizes)):
+        effect = one.at(size)
         held = problem.with_model(base.model.add(effect), base.names)
         x, c, cost = few_steps(held, base.initial_states, base.constants)
         found.append((cost, x, c, effect))

@@ -87,6 +87,11 @@ class ByWindows(FitView):
         """The same without an effect, its other constants as they are."""
         return dataclasses.replace(self, at=without_effect(self.at, name, 0))
 
+    def at_constants(self, c: Array) -> Self:
+        """See `FitView`."""
+        fitted = dataclasses.replace(self.at.fitted, constants=c)
+        return dataclasses.replace(self, at=dataclasses.replace(self.at, fitted=fitted))
+
     def beside(self, other: Self) -> Self:
         """The fit at another one's errors of the model, started from its windows where these are likelier."""
         spread = other.at.fitted.chain.spread

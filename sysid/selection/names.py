@@ -13,7 +13,7 @@ from typing import Generic
 
 from sysid.selection.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, SparseFormula, parameters_of
 from sysid.selection.free_forms import causes
-from sysid.selection.judgement import Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
+from sysid.selection.judgement import Judged, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
 from sysid.selection.score import Score, Scores
 from sysid.selection.screening import FittedCandidate, candidates_for
 from sysid.selection.shapes import shape_candidates
@@ -73,8 +73,12 @@ def _over(view: V, unknowns: Sequence[Unknown], more: V, row: Score) -> float:
 
 def _fitted(less: V, more: V, row: Score) -> FittedCandidate:
     """An effect that was fitted, with its evidence over a fit without it."""
-    at = judged(less.beside(more), more, unknowns_of(row.candidate, more.names))
-    return FittedCandidate(row, more.fitted, at.evidence, at.in_all > 0.0)
+    return as_fitted(row, judged(less.beside(more), more, unknowns_of(row.candidate, more.names)))
+
+
+def as_fitted(row: Score, at: Judged[V]) -> FittedCandidate:
+    """A candidate with its fit and evidence."""
+    return FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0)
 
 
 def _likeliest(scores: Scores, than: str, by: float) -> Score | None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Generic
 
+from sysid.selection.centring import centred
 from sysid.selection.formula import (
     EFFECT_NAME,
     RIVAL_SHARE,
@@ -44,7 +45,7 @@ from sysid.selection.judgement import (
     unknowns_of,
     unknowns_of_terms,
 )
-from sysid.selection.names import Found, with_likelier_name
+from sysid.selection.names import Found, as_fitted, with_likelier_name
 from sysid.selection.score import Score
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.shapes import shape_candidates
@@ -98,6 +99,8 @@ def next_cause(
     if first.name not in seen.named and first.log_odds > threshold.least:
         unnamed = seen.unnamed(first)
         free = view.with_effect(unnamed).renewed().searched()
+        if first.block is not None:
+            free = centred(free, UNNAMED_EFFECT, first.block)
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named, joint=joint)
@@ -132,26 +135,26 @@ def _added(
     """
     least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
     likely = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
-    fits, good = list[FittedCandidate](), list[tuple[FittedCandidate, Judged[V]]]()
+    tried = list[tuple[Score, Judged[V]]]()
+
+    def passed() -> list[tuple[FittedCandidate, Judged[V]]]:
+        return ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
 
     def add(row: Score) -> None:
         more = start.with_effect(row)
-        at = judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)
-        fits.append(FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0))
-        if threshold.is_passed(at):
-            good.append((fits[-1], at))
+        tried.append((row, judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)))
 
     for row in [row for cause, row in likely if cause.log_odds > least][:MAX_TRIALS]:
-        if len(fits) >= MAX_FITS and good:
+        if len(tried) >= MAX_FITS and any(threshold.is_passed(at) for _, at in tried):
             break
         add(row)
-    good = ranked(good)
-    others = [row for _, row in likely if all(row is not one.score for one in fits)]
+    good = passed()
+    others = [row for _, row in likely if all(row is not one for one, _ in tried)]
     if free is not None and others and (not good or clearly_likelier(free, good[0][1])):
         add(min(others, key=start.tried))
-        good = ranked(good)
+        good = passed()
     best = good[0] if good else None
-    rest = [one for one in fits if all(one.name != other.name for other, _ in good)]
+    rest = [as_fitted(row, at) for row, at in tried if all(row is not one.score for one, _ in good)]
     fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
     scores = seen.scores.only(seen.named)
     screening = Screening(
@@ -177,11 +180,12 @@ def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[Fitt
 
 
 def likeliest_first(good: Sequence[Judged[V]], variables: Sequence[int]) -> list[tuple[int, Judged[V], float]]:
-    """Rival causes, the likeliest first, all at the errors of the model of the best; clearly inferior ones come last.
+    """Rival causes, the likeliest first; clearly inferior ones come last.
 
-    Each was judged against a fit without it that began from its own initial states, and at the errors of the model that
-    lacks them all. Both hide how they differ, so that they are compared with each other. Of causes that the shots do
-    not separate, the one with the fewest variables comes first, then the one with the fewest parameters.
+    Each was judged against a fit without it that began from its own initial states: they are compared with each other.
+    The errors of the model that lacks them all hide how they differ, so that those that these do not separate are
+    compared again at the errors of the best. Of causes that the shots do not separate, the one with the fewest
+    variables comes first, then the one with the fewest parameters.
 
     Args:
         good: the judged causes.
@@ -190,28 +194,40 @@ def likeliest_first(good: Sequence[Judged[V]], variables: Sequence[int]) -> list
     Returns:
         The place of each in `good`, its evidence, and its log odds over the one with the most evidence against nothing.
     """
-    order = sorted(range(len(good)), key=lambda k: -good[k].in_all)
-    if not order:
+    if not good:
         return []
-    first = dataclasses.replace(good[order[0]], view=good[order[0]].view.renewed())
-    fits = [(order[0], first, 0.0)]
-    for k in order[1:]:
-        at = dataclasses.replace(good[k], view=good[k].view.beside(first.view))
-        more = likelier(first.view, first.unknowns, at.view, at.unknowns) + min(at.held, 0.0) - min(first.held, 0.0)
-        log.info("%s over %s: log odds %.1f", at.names, first.names, more)
-        fits.append((k, at, more))
-    top = max(more for _, _, more in fits)
+    fits = list(_over(max(good, key=lambda at: at.in_all), good))
+    k = max(range(len(good)), key=lambda k: fits[k][1])
+    at, most = fits[k]
+    best = dataclasses.replace(at, view=at.view.renewed())
+    alike = [n for n in range(len(good)) if n != k and fits[n][1] > most - SEPARATED_LOG_ODDS]
+    fits[k] = best, most
+    for n, (at, more) in zip(alike, _over(best, [fits[n][0] for n in alike]), strict=True):
+        fits[n] = at, most + more
+    top = max(more for _, more in fits)
 
-    def rank(fit: tuple[int, Judged[V], float]) -> tuple[bool, int, int, float]:
-        k, at, more = fit
+    def rank(k: int) -> tuple[bool, int, int, float]:
+        at, more = fits[k]
         separated = more <= top - SEPARATED_LOG_ODDS
         return separated, 0 if separated else variables[k], 0 if separated else len(at.unknowns), -more
 
-    fits = sorted(fits, key=rank)
-    k, at, more = fits[0]
-    if at is not first:
-        fits[0] = k, dataclasses.replace(at, view=at.view.renewed()), more
-    return fits
+    order = sorted(range(len(good)), key=rank)
+    at, more = fits[order[0]]
+    if at is not best:
+        fits[order[0]] = dataclasses.replace(at, view=at.view.renewed()), more
+    return [(k, *fits[k]) for k in order]
+
+
+def _over(first: Judged[V], rivals: Sequence[Judged[V]]) -> Iterator[tuple[Judged[V], float]]:
+    """Rivals at the errors of a fitted cause, and their log odds over it."""
+    for one in rivals:
+        if one is first:
+            yield first, 0.0
+        else:
+            at = dataclasses.replace(one, view=one.view.beside(first.view))
+            more = likelier(first.view, first.unknowns, at.view, at.unknowns) + min(at.held, 0.0) - min(first.held, 0.0)
+            log.info("%s over %s: log odds %.1f", at.names, first.names, more)
+            yield at, more
 
 
 def explained_by_shape(
@@ -235,12 +251,12 @@ def explained_by_shape(
         shape = larger.terms[0 if formula is None else len(formula.terms) :]
         more = view.with_effect(larger.score())
         at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
-        if threshold.is_passed(at):
-            tried.append((at, larger, shape))
-    if not tried:
+        tried.append((at, larger, shape))
+    good = [one for one in tried if threshold.is_passed(one[0])]
+    if not good:
         return None
-    k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]
-    _, larger, shape = tried[k]
+    k, best, _ = likeliest_first([at for at, _, _ in good], [len(shape[0].depends_on) for _, _, shape in good])[0]
+    _, larger, shape = good[k]
     return (best.view, larger) if rival is None or outdoes(best.view, shape, rival) else None
 
 

@@ -89,6 +89,10 @@ class FitView(ABC):
         """The fit without an effect, other constants unchanged."""
 
     @abstractmethod
+    def at_constants(self, c: Array) -> Self:
+        """The fit at other constants (q,) that play its shots alike; nothing is fitted again."""
+
+    @abstractmethod
     def beside(self, other: Self) -> Self:
         """The fit started from another one's states and errors of the model, so that both can be compared."""
 
