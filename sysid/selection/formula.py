@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.formula import MAX_TERMS
+from models.formula import HOOK_RANGES, MAX_TERMS, TERM_HOOKS
 from models.variables import SESSION_VARIABLES
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
@@ -130,6 +130,12 @@ class Looked:
     def row(self, cause: Cause) -> Score:
         """The score of a cause."""
         return _row_of(cause.name, self.scores)
+
+    def hook(self, cause: Cause) -> str:
+        """The hook of the quantity of an unknown function or a term."""
+        quantity = cause.block.quantity if cause.block is not None else shape_of(cause.name, self.terms)[0].quantity
+        code = 1 + TERM_HOOKS.index(quantity)
+        return next(hook for hook, codes in HOOK_RANGES.items() if code in codes)
 
     def unnamed(self, cause: Cause) -> Score:
         """The score of an unknown function or a term at its likeliest values, as an effect named UNNAMED_EFFECT."""

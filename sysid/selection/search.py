@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Generic
 
+from models.formula import HOOK_RANGES
 from sysid.selection.centring import centred
 from sysid.selection.formula import (
     EFFECT_NAME,
@@ -49,7 +50,7 @@ from sysid.selection.names import Found, as_fitted, with_likelier_name
 from sysid.selection.score import Score
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 from sysid.selection.shapes import shape_candidates
-from sysid.selection.signatures import candidate
+from sysid.selection.signatures import Candidate, candidate
 from sysid.selection.terms import Shape
 
 _What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
@@ -105,7 +106,7 @@ def next_cause(
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named, joint=joint)
         rival = free, unknowns_of(unnamed.candidate, free.names)
-        found = _added(view, start, less.beside(start), there, formula, threshold, rival)
+        found = _added(view, start, less.beside(start), there, formula, threshold, rival, seen.hook(first))
         if found.view is not view:
             return found
     found = _added(view, view, less, seen, formula, threshold)
@@ -117,12 +118,13 @@ def next_cause(
 
 def _added(
     view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold,
-    free: tuple[V, list[Unknown]] | None = None,
+    free: tuple[V, list[Unknown]] | None = None, hook: str = "",
 ) -> Round[V]:  # fmt: skip
     """Add the likeliest of the scored causes.
 
     Scores predict badly where a shot is far from linear. If an unknown function is clearly likelier than the best
-    effect that they lead to, the effect with the best prediction of all others is fitted as well (`FitView.tried`).
+    effect that they lead to, the effect with the best prediction (`FitView.tried`) of all others that act where the
+    function does, or where none can, is fitted as well.
 
     Args:
         view: the fit that lacks it.
@@ -132,6 +134,7 @@ def _added(
         formula: of the fit.
         threshold: that a cause must pass.
         free: the fit with an unknown function, and its unknowns.
+        hook: of the function.
     """
     least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
     likely = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
@@ -149,10 +152,11 @@ def _added(
             break
         add(row)
     good = passed()
-    others = [row for _, row in likely if all(row is not one for one, _ in tried)]
-    if free is not None and others and (not good or clearly_likelier(free, good[0][1])):
-        add(min(others, key=start.tried))
-        good = passed()
+    if free is not None and (not good or clearly_likelier(free, good[0][1])):
+        others = [row for _, row in likely if all(row is not one for one, _ in tried)]
+        if here := [row for row in others if may_act_at(hook, row.candidate)]:
+            add(min(here, key=start.tried))
+            good = passed()
     best = good[0] if good else None
     rest = [as_fitted(row, at) for row, at in tried if all(row is not one.score for one, _ in good)]
     fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
@@ -166,6 +170,11 @@ def _added(
         if found is not None:
             return Round(dataclasses.replace(screening, best=None), *found, threshold)
     return Round(screening, view if best is None else best[1].view, formula, threshold)
+
+
+def may_act_at(hook: str, one: Candidate) -> bool:
+    """Whether an effect acts at a hook, or at one where no function is sought, such as the stroke."""
+    return one.effect.opens(hook) or not one.effect.opens(*HOOK_RANGES)
 
 
 def ranked(good: Sequence[tuple[FittedCandidate, Judged[V]]]) -> list[tuple[FittedCandidate, Judged[V]]]:
