@@ -279,6 +279,46 @@ def slow_clock(world: World) -> None:
     world.frame *= 1.0 + 0.004 * world.order
 
 
+def ironed_at_first(world: World) -> None:
+    """Rolling friction falls along the table in the first half of the session, times 1 - 0.15 x."""
+    world.roll = _times(world.roll, lambda seen: 1.0 - 0.15 * seen.ball[0] if seen.order < 0.5 else 1.0)
+
+
+def woven_cloth(world: World) -> None:
+    """Sliding friction is 1 + 0.12 cos(2 heading) times as high: the weave runs along x."""
+    world.slide = _times(world.slide, lambda seen: 1.0 + 0.12 * math.cos(2.0 * _heading(seen)))
+
+
+def cold_rails(world: World) -> None:
+    """Cushions return 0.02 less for every degree below 20.5 of the room, of which the clips tell."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.02 * max(0.0, 20.5 - seen.celsius))
+
+
+def scuffed_end(world: World) -> None:
+    """The cushion at -x has 0.10 more friction where y is below -0.2 m."""
+    world.cushion_mu = _plus(world.cushion_mu, lambda seen: 0.10 if seen.rail == "-x" and seen.ball[1] < -0.2 else 0.0)
+
+
+def slick_touch(world: World) -> None:
+    """Friction of balls is lower by 0.03 where they rub with less than 0.4 m/s of slip."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: -0.03 if seen.slip < 0.4 else 0.0)
+
+
+def ringing_balls(world: World) -> None:
+    """Balls return 0.03 (approach - 1)^2 less, approach in m/s."""
+    world.ball_e = _plus(world.ball_e, lambda seen: -0.03 * (seen.approach - 1.0) ** 2)
+
+
+def swaying_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image sways along x in the session, by 4 mm times the sine of 5 times the order."""
+    return seen[0] + 0.004 * math.sin(5.0 * order), seen[1]
+
+
+def narrow_side(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is 0.5 % narrower along x where y is above 0.3 m."""
+    return seen[0] * (0.995 if seen[1] > 0.3 else 1.0), seen[1]
+
+
 PHYSICS: dict[str, Change] = {
     one.__name__: one
     for one in (
@@ -288,14 +328,15 @@ PHYSICS: dict[str, Change] = {
         *(pressed_seam, damp_edges, bolted_rubber, greasy_cushions, warm_balls, other_balls),
         *(sticky_crawl, worn_centre, warming_rail, biting_rubber, saturating_throw, clinging_touch, drying_cloth),
         *(brushed_pile, spilled_water, glancing_grip, stiff_side, rubbed_balls, damp_balls, slow_clock),
+        *(ironed_at_first, woven_cloth, cold_rails, scuffed_end, slick_touch, ringing_balls),
     )
 }
 PICTURES = {
     one.__name__: one
     for one in (
         *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
-        *(folded_picture, bumped_camera, wavy_picture, fish_eye),
+        *(folded_picture, bumped_camera, wavy_picture, fish_eye, swaying_camera, narrow_side),
     )
 }
-WITH_TEMPERATURE = (warm_room.__name__, evening_cloth.__name__, warm_balls.__name__, damp_balls.__name__)
+WITH_TEMPERATURE = tuple(one.__name__ for one in (warm_room, evening_cloth, warm_balls, damp_balls, cold_rails))
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")
