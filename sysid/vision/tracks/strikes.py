@@ -122,8 +122,7 @@ def _may_touch(scene: TrackedScene, other: Move, move: Move) -> bool:
             return False
         # It may be anywhere on a way between its two places, as long as it was fast: one sight does not tell how fast.
         one = phase_at(scene, track, last)
-        shown = last - max(one.first, other.first) > 0
-        speed = float(np.linalg.norm(one.velocity(since))) if shown else MAX_CUE_SPEED
+        speed = MAX_CUE_SPEED if last <= max(one.first, other.first) else float(np.linalg.norm(one.velocity(since)))
         return float((np.linalg.norm(ends - move.place, axis=1) - touch).sum()) < speed * (until - since)
     for one in other.phases:
         after = float(track.time[one.stop]) if one.stop < len(track.time) else math.inf
