@@ -31,7 +31,7 @@ LIGHT_PROBE_PIXELS = 600  # of the bed, that give the light of a frame
 MIN_NOISE_GREY = 0.5  # of a picture [grey levels]: rounding alone makes 0.3
 NOISE_FACTOR = 2.5  # standard deviations of the noise, and
 TINT_CHANGE = 0.05  # of the light's colour, over the picture and from frame to frame, relative standard deviation
-GREY_ERROR = 0.3  # of a stored colour, by rounding alone [grey levels]
+CHANNELS_MIXED = 0.02  # of the brightest channel, that cameras and compression add to others or take from them
 CONTRAST_FRACTION = 0.06  # fraction of the background's colour, above which a difference is foreground
 HOLLOW_INNER_RADII, HOLLOW_RIM_RADII = 0.5, 0.8  # within which a ring shows the table, and from where on itself
 HOLLOW_RATIO = 0.35  # of the difference from the table within, to that at the rim, below which it is a ring
@@ -110,7 +110,7 @@ def lit_alike(ratio: NDArray[np.floating], grey: NDArray[np.floating]) -> Array:
     A channel in which the cloth is dark hardly determines the light, and one in which it is 0 not at all: there it is
     taken to change as in the others. The weighted mean of both, by their precision.
     """
-    known = (np.maximum(grey, 0.0) / GREY_ERROR) ** 2 + 1e-9
+    known = (np.maximum(grey, 0.0) / (CHANNELS_MIXED * max(float(grey.max()), 1.0))) ** 2
     mean = (ratio * known).sum(axis=-1, keepdims=True) / known.sum()
     return np.asarray((ratio * known + mean / TINT_CHANGE**2) / (known + TINT_CHANGE**-2), float)
 

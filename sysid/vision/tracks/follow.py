@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from models.shot import NOSE_COSINE
+from sysid.clips.tempo import MAX_CUE_SPEED
 from sysid.vision.balls.detect import Detection
 from sysid.vision.balls.discs import Expected, face_cost
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.prediction import MIN_MOVING_SPEED_M_S, State, predict_impacts
 
 MIN_DETECTION_SD_PX = 0.2  # added to the standard deviation that the detector estimates
-MAX_STRIKE_SPEED_M_S = 10.0  # speed of a ball after the fastest strikes [m/s]
 MAX_JUMP_GAP_S = 0.1  # a jump that was unseen for longer starts a new track, until it is known which ball it is
 MAX_PREDICTION_S = 0.25  # older states are not extrapolated
 JUMP_COST = 6.0  # of an impact that was not predicted,
@@ -175,7 +175,7 @@ class Follower:
         ]
         pixels = self.camera.project(np.array([(*at, radius) for at in [*((s.x, s.y) for _, s in states), *before]]))
         steps = pixels[: len(states)] - pixels[len(states) :]
-        farthest = MAX_STRIKE_SPEED_M_S * period / radius  # [radii]
+        farthest = MAX_CUE_SPEED * period / radius  # [radii]
         return [
             Expected(
                 ball.name, at, step, ball.colour, (1 + ball.missed) * farthest * ball.points[-1].radius, not ball.impact
@@ -338,7 +338,7 @@ class Follower:
         for k in sorted(positions.keys() - found.keys(), key=lambda k: -float(seen[k].score)):
             time, x, y, variance = positions[k]
             if all(math.hypot(x - a, y - b) > MIN_SEPARATION_RADII * self.camera.radius for a, b in there):
-                state = State(time, x, y, 0.0, 0.0, variance, 0.0, (MAX_STRIKE_SPEED_M_S / 3) ** 2)
+                state = State(time, x, y, 0.0, 0.0, variance, 0.0, (MAX_CUE_SPEED / 3) ** 2)
                 self.balls.append(
                     FollowedBall(seen[k].name, state, [_point(index, time, seen[k])], colour=seen[k].colour)
                 )
@@ -362,14 +362,14 @@ def _cheapest_hypothesis(
     before_jump = None
     if ball.before_jump and time - ball.before_jump[0].time <= MAX_PREDICTION_S:
         before_jump = ball.before_jump[0].predicted(time)
-    near = distance < MAX_STRIKE_SPEED_M_S * dt + radius
+    near = distance < MAX_CUE_SPEED * dt + radius
     for kind, state in (("smooth", ball.smooth), ("impact", ball.impact), ("before", before_jump)):
         if state is not None and near and (cost := state.cost(x, y, variance)) < best[0]:
             best = (cost, "again" if kind != "before" and dt > MAX_JUMP_GAP_S else kind, state)
     if not (0 < dt < MAX_JUMP_GAP_S and ball.confirmed):
         return best
     strike = STRIKE_COST if resting else MOVING_STRIKE_COST
-    for speed, base_cost in ((fastest, JUMP_COST), (MAX_STRIKE_SPEED_M_S, strike)):
+    for speed, base_cost in ((fastest, JUMP_COST), (MAX_CUE_SPEED, strike)):
         max_distance = 1.15 * speed * dt + 0.1 * radius
         cost = base_cost + math.log(max(max_distance**2 / variance, 1.0))
         if distance < max_distance and cost < best[0]:

@@ -140,15 +140,14 @@ class Move:
 
     @property
     def onset(self) -> float:
-        """Time at which it began to move, extrapolated from its first phase [s]."""
+        """Time at which it began to move, extrapolated from its first phase, or after which, unseen [s]."""
         track, first = self.track, self.first
-        seen = float(track.time[first])
         if self.place is None:
-            return seen
+            return float(track.time[max(first - 1, 0)])
         if (one := self._begins) is not None:
             return float(_left(one, self.place, self._may_begin))
         speed = float(np.linalg.norm(self.velocity))
-        return max(seen - float(np.linalg.norm(self._way)) / max(speed, 1e-9), self._may_begin[0])
+        return max(float(track.time[first]) - float(np.linalg.norm(self._way)) / max(speed, 1e-9), self._may_begin[0])
 
 
 def _left(one: Phase, place: Array, between: tuple[float, float]) -> float:

@@ -18,15 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from sysid.vision.tracks.follow import (
-    CONFIRMING_DETECTIONS,
-    JUMP_COST,
-    MAX_STRIKE_SPEED_M_S,
-    MISSED_COST,
-    FollowedBall,
-    Follower,
-    TrackPoint,
-)
+from sysid.clips.tempo import MAX_CUE_SPEED
+from sysid.vision.tracks.follow import CONFIRMING_DETECTIONS, JUMP_COST, MISSED_COST, FollowedBall, Follower, TrackPoint
 from sysid.vision.tracks.prediction import State
 
 if TYPE_CHECKING:
@@ -149,6 +142,6 @@ def _cost(past: _Past, ball: FollowedBall) -> float:
     ago = min(max((dx * now.u + dy * now.v) / max(now.speed**2, 1e-12), 0.0), elapsed)
     total = variance + ago * ago * now.vv
     straight = ((dx - ago * now.u) ** 2 + (dy - ago * now.v) ** 2) / (2 * total) + math.log(total / variance)
-    farthest = MAX_STRIKE_SPEED_M_S * elapsed
+    farthest = MAX_CUE_SPEED * elapsed
     jump = JUMP_COST + math.log(farthest**2 / variance) if math.hypot(dx, dy) < farthest else math.inf
     return min(straight, jump) + ball.colour_cost(past.colour)

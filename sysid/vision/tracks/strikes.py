@@ -1,11 +1,11 @@
 """From moves to shots: when a ball is struck, what belongs to the shot, and what is left out and why.
 
 In: the tracked scene. Out: `TrackedShot` in order of time, and messages on what was left out. A ball is set in motion
-by a moving ball that may touch it then, as far as their phases show; otherwise it was struck, or moved by hand. A
-strike takes a millisecond or two, after which the ball is at its full speed; a ball that gains speed on free cloth was
-moved by hand. A shot lasts until all balls are at rest, potted or lost, or something else is set in motion. Its clip
-begins with the first frame exposed wholly after the strike, or with the last one before it if the struck ball has
-touched another by then. Motion of which no shot can be made begins in mid-motion: running.py.
+by a moving ball that touches it then, or may touch it unseen; otherwise it was struck, or moved by hand. A strike takes
+a millisecond or two, after which the ball is at its full speed; a ball that gains speed on free cloth was moved by
+hand. A shot lasts until all balls are at rest, potted or lost, or something else is set in motion. Its clip begins with
+the first frame exposed wholly after the strike, or with the last one before it if the struck ball has touched another
+by then. Motion of which no shot can be made begins in mid-motion: running.py.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.clips.plausibility import MIN_STRUCK_SAMPLES
+from sysid.clips.tempo import MAX_CUE_SPEED
 from sysid.vision.tracks.breaks import first_break
 from sysid.vision.tracks.moves import (
     MAX_UNSEEN_S,
@@ -23,6 +25,7 @@ from sysid.vision.tracks.moves import (
     SURE_SD,
     Move,
     TrackedScene,
+    phase_at,
     pocketed,
     rest_place,
 )
@@ -106,18 +109,21 @@ def split_shots(scene: TrackedScene) -> FoundShots:
 
 
 def _may_touch(scene: TrackedScene, other: Move, move: Move) -> bool:
-    """Whether a moving ball touches, or may have touched unseen, a ball at rest just when that begins to move."""
+    """Whether another ball touches one at rest just when that begins to move, or may touch it unseen."""
     if move.place is None:
         return False
-    track, arrived = other.track, float(move.track.time[move.first])
-    departed = float(move.track.time[move.first - 1])
-    last = int(np.searchsorted(track.time, departed, side="right")) - 1
-    touch, unseen = TOUCH_RADII * scene.radius, departed - float(track.time[last])
-    if other.lost and last + 1 == len(track.time) and unseen > MAX_UNSEEN_S:
-        if unseen > MAX_LOST_S or pocketed(scene, track, np.arange(other.first, other.stop)) is not None:
+    track, touch = other.track, TOUCH_RADII * scene.radius
+    departed, arrived = (float(move.track.time[k]) for k in (move.first - 1, move.first))
+    last = max(int(np.searchsorted(track.time, departed, side="right")) - 1, 0)
+    since, ends = float(track.time[last]), track.xy[last : last + 2]
+    until = float(track.time[last + 1]) if len(ends) > 1 else arrived
+    if departed - since > MAX_UNSEEN_S or until - since > max(MAX_UNSEEN_S, 1.5 * scene.period):
+        if departed - since > MAX_LOST_S or pocketed(scene, track, np.arange(other.first, last + 1)) is not None:
             return False
-        speed = float(np.linalg.norm(other.phases[-1].velocity(float(track.time[last]))))
-        return float(np.linalg.norm(track.xy[last] - move.place)) < touch + speed * unseen
+        # It may be anywhere on a way between its two places, as long as it was fast: one sight does not tell how fast.
+        one = phase_at(scene, track, last)
+        speed = MAX_CUE_SPEED if last <= max(one.first, other.first) else float(np.linalg.norm(one.velocity(since)))
+        return float((np.linalg.norm(ends - move.place, axis=1) - touch).sum()) < speed * (until - since)
     for one in other.phases:
         after = float(track.time[one.stop]) if one.stop < len(track.time) else math.inf
         before = float(track.time[one.first - 1]) if one.first else -math.inf
@@ -132,12 +138,11 @@ def _may_touch(scene: TrackedScene, other: Move, move: Move) -> bool:
 
 
 def _caused(scene: TrackedScene, move: Move, moves: Sequence[Move]) -> bool:
-    """Whether a ball was set in motion by one that was moving already."""
+    """Whether a ball was set in motion by one that was moving already, or may have been."""
     return any(
         other.name != move.name
         and other.onset < move.onset - SIMULTANEOUS_FRAMES * scene.period
-        and other.began <= move.began
-        and (other.ended >= move.before - 1 or other.lost)
+        and (other.lost or other.track.frame[other.stop] >= move.before)
         and _may_touch(scene, other, move)
         for other in moves
     )
@@ -277,6 +282,8 @@ def _shot(
     seen, why = balls_there(scene, (struck.name,), first, last, after)
     if seen is None:
         return None, why
+    if ((track.frame >= first) & (track.frame <= last)).sum() < MIN_STRUCK_SAMPLES:
+        return None, "is seen in too few frames"
     remarks += [*ends, *seen.remarks]
     speed = float(np.linalg.norm(struck.velocity))
     return TrackedShot(struck.name, time, first, last, seen.names, speed, seen.potted, tuple(remarks)), ""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.messages import counted
 from models.shot import Table
-from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH
+from sysid.clips.plausibility import MAX_OVERLAP_M, MIN_STRUCK_SAMPLES, POCKET_REACH
 from sysid.vision.ahead import ahead
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.faces import ANY_BALL
@@ -210,7 +210,8 @@ def tracked(
         if count := sum(int(bad.sum()) for bad in outside.values()):
             doubts.append(f"at {shot.time:.2f} s {count} detections lie beyond the cushions: check calibration")
         found = {name: (track, rows[~outside[name]]) for name, (track, rows) in found.items()}
-        found = {name: one for name, one in found.items() if one[1].size}
+        fewest = {} if shot.running else {shot.struck: MIN_STRUCK_SAMPLES}
+        found = {name: one for name, one in found.items() if one[1].size >= fewest.get(name, 1)}
         if shot.struck in found:
             kept.append((shot, found))
             lost = lost_frames(scene, shot, *found[shot.struck])

@@ -169,6 +169,27 @@ def test_a_lone_white_ball_with_dark_marks_is_white(tmp_path: Path) -> None:
     assert naming.odds[0] > SURE and not naming.doubts
 
 
+def test_light_is_not_known_by_a_channel_that_the_cloth_hardly_reflects(tmp_path: Path) -> None:
+    """On a deep blue cloth its red, which mixes in from other channels, made a white ball pink."""
+    names = ("white", "red", "orange", "yellow_stripe", "maroon", "black")
+    palette = pool_palette()
+    colour = dict(zip(palette.names, [tuple(c.tolist()) for c in palette.colours], strict=True))
+    spots = {name: [Spot((0, 0, z), CIRCLE, WHITE) for z in (1, -1)] for name in names[1:]}
+    spots["yellow_stripe"] = [Spot((0, 0, z), POLE, WHITE) for z in (1, -1)]
+    drawn = Look(noise=2.0, spots=spots, colours={n: colour[n] for n in names}, cloth=(0.0, 0.25, 0.6))
+    pictures = shown(CAMERA, names, PLACES + np.linspace(0, 0.04, 6)[:, None, None] * [1, 0], drawn)
+    mixed = np.linspace(16, 0, CAMERA.size[0])[None, :]
+    pictures = [np.dstack([p[..., :2], np.maximum(p[..., 2], mixed).astype(np.uint8)]) for p in pictures]
+    detector = learn_detector(CAMERA, footage_of(tmp_path / "blue", pictures), pool_palette())
+    light = detector.background.light[detector.background.probes]
+    assert np.ptp(light[:, 2]) < 1.5 * np.ptp(light[:, 1])
+    view = detector.background.view(pictures[0])
+    pixels = CAMERA.outline(PLACES)
+    faces = {n: [face(detector.background, view, at, 14.0)] for n, at in zip(names, pixels, strict=True)}
+    found, _ = names_by_faces(faces, pool_palette(), detector.background.bed_colour)
+    assert found == {name: name for name in names}
+
+
 def test_balls_of_one_colour_are_known_from_others() -> None:
     rng = np.random.default_rng(1)
     plain = [np.clip(rng.normal(c, 0.03, (200, 3)), 0, 1) for c in ((0.9, 0.9, 0.8), (0.7, 0.1, 0.1))]

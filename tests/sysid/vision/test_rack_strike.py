@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from sysid.clips.plausibility import MIN_STRUCK_SAMPLES
 from sysid.vision.tracks.follow import BallTrack
 from sysid.vision.tracks.track import tracked
 from tests.support.followed_balls import CAMERA
@@ -29,3 +31,39 @@ def test_balls_of_a_rack_are_set_in_motion_through_one_another() -> None:
     found = tracked(tracks, frames, frames * period, CAMERA)
     assert [(shot.struck, len(shot.balls)) for shot in found.shots] == [("white", 4)], found.left_out
     assert found.left_out == ()
+
+
+def break_tracks(unseen: range) -> tuple[list[BallTrack], np.ndarray]:
+    """A break at 12 m/s and 25 frames a second; the cue ball is not seen in some frames."""
+    period, r, frames = 0.04, CAMERA.radius, np.arange(80)
+    struck, hit, apart = 29.6, 31.5, 2.002 * r
+    place = np.array([-0.05, 0.02])
+    toward = np.array([0.96, 0.28])
+    at_hit = place - apart * toward
+    since, after = (frames - struck).clip(0, hit - struck), (frames - hit).clip(0)
+    white = at_hit + (12.0 * period * (since - (hit - struck)))[:, None] * toward
+    white = white + (period * after)[:, None] * np.array([-0.3, 0.5]) * np.exp(-0.01 * after)[:, None]
+    xy = {"white": white}
+    for name, aside, speed in (("red", 0.0, 0.4), ("yellow", 0.5, 3.0), ("green", -0.5, 2.0), ("blue", 0.25, 0.8)):
+        way = np.array([np.cos(aside), np.sin(aside)])
+        start = place + (apart * way * (2 if name == "blue" else 1) if name != "red" else 0.0)
+        slowing = 6.0 * (1 - np.exp(-after / 6.0))
+        xy[name] = start + (period * speed * slowing)[:, None] * way
+    rng, tracks = np.random.default_rng(3), []
+    for name, at in xy.items():
+        ones = np.ones(len(frames))
+        seen = at + rng.normal(0, 2e-4, at.shape)
+        whole = BallTrack(name, frames, frames * period, at, seen, 0.1 * ones, 10 * ones, ones)
+        tracks.append(whole.without(np.isin(frames, unseen) if name == "white" else np.zeros(len(frames), bool)))
+    return tracks, frames
+
+
+@pytest.mark.parametrize("unseen", [range(31, 31), range(31, 32), range(31, 36), range(30, 36), range(32, 80)])
+def test_a_ball_of_the_rack_was_not_struck_by_the_cue(unseen: range) -> None:
+    """What breaks the rack is seen once or twice, or is not seen again; the balls that it hit were not struck."""
+    tracks, frames = break_tracks(unseen)
+    result = tracked(tracks, frames, frames * 0.04, CAMERA)
+    assert all(shot.struck == "white" or shot.running for shot in result.shots)
+    for shot, found in zip(result.shots, result.found, strict=True):
+        assert found[shot.struck][1].size >= MIN_STRUCK_SAMPLES
+    assert bool(result.shots) == (unseen.stop < len(frames)), "what is not seen again may hit others later"

@@ -299,6 +299,18 @@ def test_a_struck_ball_lost_half_the_time_is_not_to_be_trusted() -> None:
     assert any("white was lost in" in text for text in found.doubts)
 
 
+def test_a_ball_that_flies_over_the_cushion_at_once_costs_no_other_shot(tmp_path: File) -> None:
+    """Of the whole film no clip was written, as one had two samples of its struck ball."""
+    made = Recording().put(0, (0.93, 0.0)).wait(0.5).shot((3.0, 0.0)).wait(0.6).shot((-0.9, 0.2), ball=1).wait(0.5)
+    for rows in made.rows[2:]:
+        rows[:, 0] = np.nan
+    made.rows[2][:4, 0, 0], made.rows[2][:4, 0, 1] = (0.945, 0.97, 0.995, 1.02), 0.0
+    found = tracked_of(made)
+    assert [shot.struck for shot in found.shots] == ["red"]
+    assert any("beyond the cushions" in text for text in found.doubts)
+    write_clip_set(clip_set(found, CAMERA, BALL.mass, FPS), tmp_path / "set")
+
+
 def test_a_ball_that_was_taken_away_in_motion_sets_nothing_in_motion_later() -> None:
     made = Recording().wait(0.5).shot((0.8, 0.4)).wait(2.0).shot((-0.9, 0.2), ball=1).wait(0.5)
     made.rows[1][40:, 0] = np.nan
