@@ -53,21 +53,7 @@ def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
     def draw(fig: Any) -> None:
         fig.set_size_inches(width, height)
         ax = fig.subplots()
-        shots = story.shots
-        miss = 1e3 * np.array([shot.miss for shot in shots])
-        for label, face, use in (
-            ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) and not shot.chosen for shot in shots]),
-            ("one shot, not potted", PAPER_COLOUR, [not shot.potted and not shot.chosen for shot in shots]),
-            ("one shot, chosen for learning", NOISE_COLOUR, [shot.chosen for shot in shots]),
-        ):
-            shown = np.array(use, bool) & (miss > 0)
-            if shown.any():
-                x = np.array([shot.number for shot in shots])[shown]
-                ax.plot(x, miss[shown], "o", ms=5, mfc=face, mec=MODEL_COLOUR, mew=0.8, alpha=0.8, label=label)
-        fallen = [shot.number for shot in shots if not shot.miss > 0]
-        if fallen:
-            mark = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": INK_COLOUR, "mew": 1.3}
-            ax.plot(fallen, [0.975] * len(fallen), "x", ms=5.5, **mark, label="no miss: in a pocket, or not seen")
+        _draw_shots(ax, story)
         curves = (
             ("median miss of a block", story.median_miss, {"color": MODEL_COLOUR, "lw": 2.6}),
             ("miss that the plans predicted", story.median_spread, {"color": HELD_OUT_COLOUR, "lw": 1.6}),
@@ -75,20 +61,8 @@ def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
         )
         for label, of, style in curves:
             _steps(ax, story, of, label, style)
-        seen = [
-            v for line in ax.get_lines() for v in line.get_ydata() if v > 0 and line.get_transform() == ax.transData
-        ]
-        low, high = (min(seen) / 1.6, max(seen) * 2.2) if seen else (1.0, 1e3)
-        ax.set(yscale="log", ylim=(low, high), xlim=(0.3, _last(story) + 0.7))
-        ax.set(xlabel="shot", ylabel="cue ball, from its predicted position [mm]")
-        plain_log_ticks(ax.yaxis, math.inf)
-        ax.xaxis.get_major_locator().set_params(integer=True)
-        for first, last in blocks(story):
-            value = 1e3 * story.median_miss(first, last)
-            if value > 0:
-                text = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "weight": "bold"}
-                box = {"fc": PAPER_COLOUR, "ec": "none", "pad": 0.2, "alpha": 0.65}
-                ax.annotate(number(value), ((first + last) / 2, value), **text, color=MODEL_COLOUR, bbox=box, zorder=6)
+        _scale(ax, story)
+        _write_medians(ax, story)
         for refit in story.refits:
             ax.axvline(refit.shots + 0.5, color=NOISE_COLOUR, lw=0.9, ls=":", zorder=0)
         for at, row, side, word in notes:
@@ -105,6 +79,45 @@ def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
             fig.legend(loc="outside lower center", ncols=1 if narrow else 3)
 
     return height, draw
+
+
+def _draw_shots(ax: Any, story: History) -> None:
+    """Draw the miss of every shot, in mm, and above the axis those that have none."""
+    shots = story.shots
+    miss = 1e3 * np.array([shot.miss for shot in shots])
+    for label, face, use in (
+        ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) and not shot.chosen for shot in shots]),
+        ("one shot, not potted", PAPER_COLOUR, [not shot.potted and not shot.chosen for shot in shots]),
+        ("one shot, chosen for learning", NOISE_COLOUR, [shot.chosen for shot in shots]),
+    ):
+        shown = np.array(use, bool) & (miss > 0)
+        if shown.any():
+            x = np.array([shot.number for shot in shots])[shown]
+            ax.plot(x, miss[shown], "o", ms=5, mfc=face, mec=MODEL_COLOUR, mew=0.8, alpha=0.8, label=label)
+    fallen = [shot.number for shot in shots if not shot.miss > 0]
+    if fallen:
+        mark = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": INK_COLOUR, "mew": 1.3}
+        ax.plot(fallen, [0.975] * len(fallen), "x", ms=5.5, **mark, label="no miss: in a pocket, or not seen")
+
+
+def _scale(ax: Any, story: History) -> None:
+    """Set the axes to what is drawn: the misses logarithmic."""
+    seen = [v for line in ax.get_lines() for v in line.get_ydata() if v > 0 and line.get_transform() == ax.transData]
+    low, high = (min(seen) / 1.6, max(seen) * 2.2) if seen else (1.0, 1e3)
+    ax.set(yscale="log", ylim=(low, high), xlim=(0.3, _last(story) + 0.7))
+    ax.set(xlabel="shot", ylabel="cue ball, from its predicted position [mm]")
+    plain_log_ticks(ax.yaxis, math.inf)
+    ax.xaxis.get_major_locator().set_params(integer=True)
+
+
+def _write_medians(ax: Any, story: History) -> None:
+    """Write the median miss of every block, in mm, above it."""
+    for first, last in blocks(story):
+        value = 1e3 * story.median_miss(first, last)
+        if value > 0:
+            text = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "weight": "bold"}
+            box = {"fc": PAPER_COLOUR, "ec": "none", "pad": 0.2, "alpha": 0.65}
+            ax.annotate(number(value), ((first + last) / 2, value), **text, color=MODEL_COLOUR, bbox=box, zorder=6)
 
 
 def constants(story: History) -> tuple[float, Draw] | None:
