@@ -16,7 +16,6 @@ import click
 from models.command_line import ANY_NUMBER, FILE_PATH, Number, effects_option, gathered, given, out_folder_option
 from models.console import Progress, Status
 from models.errors import BadInput
-from models.shot import MAX_BREAK_SPEED_M_S
 from planner.cli.common import model_option
 
 if TYPE_CHECKING:
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from planner.viewer import Setup
 
 DEFAULT_SPEED_M_S = 2.0  # default speed of the ball
+MAX_SPEED_M_S = 15.0  # largest speed of the ball
 CAMERA_NAMES = ("corner", "overhead", "baulk")
 
 
@@ -45,7 +45,7 @@ class GivenStroke:
         "--speed",
         "V",
         f"Speed of the ball [m/s]; by default SOURCE's, or {DEFAULT_SPEED_M_S}.",
-        Number(0.01, MAX_BREAK_SPEED_M_S),
+        Number(0.01, MAX_SPEED_M_S),
     )
     azimuth: float | None = given(
         "--azimuth", "A", "Direction of the aim [rad]; by default SOURCE's, or at the second ball.", Number(-100, 100)
