@@ -95,7 +95,7 @@ class Forces(NamedTuple):
 
 
 class ShotLaws(NamedTuple):
-    """What acts on the balls of a shot, and what the effects are told of it."""
+    """What acts on the balls of a shot, and what the effects know of it."""
 
     forces: Forces
     horizon: Table  # (k, 2) hooks that say for how long a push goes on

@@ -41,7 +41,7 @@ HEAD_SIZE: Final = SESSION + SESSION_FIELDS
 ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
 # Of each contact: of a rail, what part of it touches, 1 + its number; largest approach speed [m/s], overlap that is
 # nobody's work and largest depth [m], restitution, stiffness over the usual; share of a push that the slate does not
-# return, the speed [m/s] and way [m] down that this stands for; compliance and stretches [m] along the face; friction,
+# return, the speed [m/s] and way [m] down that this stands for; compliance and extensions [m] along the face; friction,
 # nose.
 (
     PART, PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
