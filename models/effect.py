@@ -28,16 +28,19 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 STILL = 1e-6  # speed or slip below which there is none [m/s]
 EDGE_OVERSHOOT_M = 1e-9  # distance beyond an edge at which a step ends, so that the next begins on the other side [m]
+REFERENCE_SPEED = 1.0  # speed or slip at which restitution and friction of the base hold [m/s]
+MIN_FRICTION_SHARE = 0.05  # of the friction of the base, that any effect leaves
 STRUCK_BALL = 0  # number of the ball that the cue strikes
 RAIL_PX, RAIL_MX, RAIL_PY, RAIL_MY = range(4)  # numbers of the rails at +x, -x, +y, -y
 
 __all__ = [
-    "EDGE_OVERSHOOT_M", "RAIL_MX", "RAIL_MY", "RAIL_PX", "RAIL_PY", "STILL", "STRUCK_BALL", "Array", "BallState",
-    "Effect", "ImageState", "ImpactState", "StrokeState", "param", "push_along", "push_rolling",
+    "EDGE_OVERSHOOT_M", "MIN_FRICTION_SHARE", "RAIL_MX", "RAIL_MY", "RAIL_PX", "RAIL_PY", "REFERENCE_SPEED", "STILL",
+    "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param", "push_along",
+    "push_rolling",
 ]  # fmt: skip
 
 
-ELSEWHERE = ("forces", "horizon", "strike", "observe", "exposures", "edit")  # hooks that act outside impacts
+HOOKS_BESIDE_IMPACTS = ("forces", "horizon", "strike", "observe", "exposures", "edit")
 
 
 def param(
@@ -89,7 +92,7 @@ class Effect:
     @classmethod
     def impacts(cls) -> tuple[str, ...] | None:
         """Kinds of impacts, "ball" and "cushion", at which alone it acts; None where it acts elsewhere as well."""
-        return None if cls.opens(*ELSEWHERE) or not cls.opens("impact") else ("ball", "cushion")
+        return None if cls.opens(*HOOKS_BESIDE_IMPACTS) or not cls.opens("impact") else ("ball", "cushion")
 
     def is_off(self) -> bool:
         """True where every parameter that has an off value stands at it in every simulation."""

@@ -22,13 +22,21 @@ import numpy as np
 
 from models.compiled import compiled
 from models.crossings import until_bend, until_edge, until_line
-from models.effect import Array, BallState, Effect, ImageState, ImpactState, param, push_along
+from models.effect import (
+    MIN_FRICTION_SHARE,
+    Array,
+    BallState,
+    Effect,
+    ImageState,
+    ImpactState,
+    param,
+    push_along,
+)
 from models.hooks import Layout
 from models.variables import NONE, X, Y, of_ball, of_image, of_impact
 
 MAX_TERMS = 64
 MAX_CONSTANTS = 4
-LEAST_GRIP = 0.05  # smallest factor on the sliding friction
 
 TERM_HOOKS = (
     "drag", "grip", "push_x", "push_y", "side", "cushion_e", "cushion_mu", "ball_e", "ball_mu", "image_x", "image_y",
@@ -192,7 +200,7 @@ def _acts(term: TermRow, value: float) -> bool:
 def push(door: float, value: float, ball: BallState) -> None:
     """Change what acts on a ball on the cloth by a quantity's value."""
     if door == GRIP:
-        ball.slide_factor = max(ball.slide_factor * (1.0 + value), LEAST_GRIP)
+        ball.slide_factor = max(ball.slide_factor * (1.0 + value), MIN_FRICTION_SHARE)
     elif door == PUSH_X and ball.weight > 0.0:
         ball.ax += value
     elif door == PUSH_Y and ball.weight > 0.0:

@@ -24,13 +24,12 @@ from models.compiled import note_compiling, set_ready
 from models.errors import BadInput
 from models.files.faults import closest, listed, shown
 from models.model_file import Model
-from models.sheet import Picture, Presented, Sheet
-from models.shot import Array, Ball, Shot, Track, largest_overlap
+from models.report.sheet import Picture, Presented, Sheet
+from models.shot import MAX_SPEED_M_S, Array, Ball, Shot, Track, largest_overlap
 from models.simulation.simulate import simulate as simulate_shots
 
 MAX_STROKE_S = 40.0  # longest duration of a stroke; a ball at 10 m/s rolls some 25 s
 STROKE_PERIOD_S = 1 / 120  # sampling interval of a stroke
-MAX_SPEED_M_S = 30.0  # largest ball speed, beyond any cue's, as for a clip set's commands
 CUE_BALL_NAMES = ("cue", "white")
 COMPILED_MARK = "played"  # mark of compiled code for playing shots
 REST_MOTION_M = 1e-6  # a ball within this distance of its last place rests

@@ -21,6 +21,8 @@ from models.pocket_shape import SNOOKER_POCKETS, PocketShapes, read_pockets
 Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # gravitational acceleration [m/s^2]
+MAX_SPEED_M_S = 30.0  # largest speed of a ball, beyond any stroke
+MAX_BREAK_SPEED_M_S = 15.0  # no break shot is faster
 RAIL_NAMES = ("+x", "-x", "+y", "-y")  # names of the cushions, by the side of the table
 NOSE_HEIGHT = 1.4  # cushion nose over ball radius: 7R/5 (Mathavan, Jackson, Parkin 2010)
 NOSE_SINE = NOSE_HEIGHT - 1.0  # sine of the contact normal's elevation at the nose

@@ -19,7 +19,7 @@ import numpy as np
 from models.errors import BadInput
 from models.files.faults import closest, listed
 from models.shot import Array, Ball, Table, largest_overlap
-from planner.scene import FORMAT, Scene, pocket_name, pocket_of, scene_from, separate_overlaps
+from planner.scene import SCENE_FORMAT, Scene, pocket_name, pocket_of, scene_from, separate_overlaps
 from sysid.clips import read_clip_set
 from sysid.clips.choose import chosen_clip
 from sysid.clips.plausibility import MAX_OVERLAP_M, POCKET_REACH, START_FRAMES
@@ -102,7 +102,7 @@ def scene_of(found: DetectedBalls, goal: Mapping[str, Any], where: str) -> Scene
             text = f"{where}: {key} {name!r} was not found; {remedy}"
             raise BadInput(text)
     doubts = {"camera_doubts": found.camera_doubts}
-    return scene_from({"format": FORMAT, **doubts, **sizes, "balls": balls, "goal": wanted}, where)
+    return scene_from({"format": SCENE_FORMAT, **doubts, **sizes, "balls": balls, "goal": wanted}, where)
 
 
 def balls_in_picture(

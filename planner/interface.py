@@ -10,7 +10,7 @@ from typing import Any
 
 from models.interface import HasModel, model_of
 from models.model_file import Model
-from models.sheet import Picture, Presented, Sheet
+from models.report.sheet import Picture, Presented, Sheet
 from planner.planning import make_plan
 from planner.scene import Scene
 from planner.words import STROKE_HEADS, plan_lines, stroke_rows

@@ -46,7 +46,7 @@ from planner.search.search import (
 )
 
 Array = NDArray[np.float64]
-FORMAT = "billiard-plan/1"
+PLAN_FORMAT = "billiard-plan/1"
 METHODS, GIVEN = ("risk", "ga"), "given"  # methods of the search; the mark of a given stroke
 FAN_PLAYS = 40  # tracks kept, from the first plays of the evaluation
 MAX_PLACES = 500  # most final positions of the cue ball that are kept
@@ -144,7 +144,7 @@ def _head(
         "published_sd": {name: float(f"{sd:.3g}") for name, sd in unfitted_spread(model).items()},
     }  # fmt: skip
     return {
-        "format": FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene), "model": about,
+        "format": PLAN_FORMAT, "method": method, "seed": seed, "scene": scene_dict(player.scene), "model": about,
         "execution": asdict(execution), "weights": asdict(weights),
     }  # fmt: skip
 
@@ -343,4 +343,4 @@ def _comparison(best: dict[str, Any], other: dict[str, Any]) -> str:
 
 def read_plan(path: Path | str) -> dict[str, Any]:
     """The values of a plan file; BadInput if it is not one."""
-    return read_json(path, FORMAT, "name a plan file (planner plan SCENE --out PLAN.json)")
+    return read_json(path, PLAN_FORMAT, "name a plan file (planner plan SCENE --out PLAN.json)")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from models.analytic.cueing import SEED_LIMIT
 from models.palette import ball_colour
 from models.recording.plan import (
     AVOID_COLOUR,
@@ -27,7 +28,6 @@ from models.report.figure import FIGURE_WIDTH_IN, INK_COLOUR, MODEL_COLOUR, NARR
 from models.report.numbers import number
 from models.shot import Array, Ball, Table
 
-MAX_OFFSET = 0.5  # largest contact offset over the ball's radius (Robotic Billiards 2015)
 MAX_LINE_POINTS = 260  # most points of a path, to keep the file small
 SHADOW_COLOUR = "#10151a"  # behind a path and around a ball
 MIN_HALF_VIEW_M = 0.12  # least half width of the figure of resting positions
@@ -149,7 +149,7 @@ def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
         fig.set_size_inches(FACE_WIDTH_IN, FACE_WIDTH_IN)
         ax = fig.subplots()
         ax.add_patch(circle((0, 0), r, fc=rgb(ball_colour(name)), ec=NOISE_COLOUR, lw=1.2))
-        ax.add_patch(circle((0, 0), MAX_OFFSET * r, fc="none", ec=SHADOW_COLOUR, lw=1.0, ls="--"))
+        ax.add_patch(circle((0, 0), SEED_LIMIT * r, fc="none", ec=SHADOW_COLOUR, lw=1.0, ls="--"))
         ax.plot([-r, r], [0, 0], [0, 0], [-r, r], color=NOISE_COLOUR, lw=0.6)
         for k in (2, 1):
             ax.add_patch(
@@ -160,7 +160,7 @@ def face_svg(plan: Mapping[str, Any], ball: Ball) -> str:
         ax.plot([aim[0], aim[0], 0], [0, aim[1], aim[1]], color=MODEL_COLOUR, lw=0.8, ls=":")
         ax.plot(*aim, "o", ms=3, mec="none", color=SHADOW_COLOUR, zorder=4)
         ax.text(
-            0, -MAX_OFFSET * r - 0.05 * r, "0.5 R", ha="center", va="top", color=SHADOW_COLOUR,
+            0, -SEED_LIMIT * r - 0.05 * r, "0.5 R", ha="center", va="top", color=SHADOW_COLOUR,
             bbox={"fc": rgb(ball_colour(name)), "ec": "none", "pad": 1},
         )  # fmt: skip
         edge = 1.06 * r

@@ -31,7 +31,7 @@ from models.shot import Array, Ball, Table, largest_overlap
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
 
-FORMAT = "billiard-scene/1"
+SCENE_FORMAT = "billiard-scene/1"
 REST_KEYS = ("rest", "rest_region", "rest_for")
 MAX_BALLS = 22  # number of snooker balls
 MAX_OVERLAP_M = 5e-4  # largest overlap explained by rounding of positions to about a tenth of a millimetre
@@ -39,7 +39,7 @@ TOUCH_GAP_M = 1e-9  # largest gap of touching balls; balls that are moved apart 
 MAX_ITERATIONS = 2000  # iterations of moving balls apart
 MAX_PLACE_M = 10.0  # largest coordinate; a larger one must be in mm
 PLACE_FORM = "in m from the table's centre, x along the length"
-PLACE = Allowed(unit="m", shape=(2,), form=f"[x, y] {PLACE_FORM}")
+PLACE_ENTRY = Allowed(unit="m", shape=(2,), form=f"[x, y] {PLACE_FORM}")
 POCKET_FORM = '[sx, sy], the sides it stands on: sx of -1, 0, 1 and sy of -1, 1; or "any"'
 
 Pocket = tuple[int, int]
@@ -168,7 +168,7 @@ def scene_dict(scene: Scene) -> dict[str, Any]:
     balls = {name: [float(v) for v in xy] for name, xy in zip(scene.names, scene.position, strict=True)}
     table, ball = dataclasses.asdict(scene.table), dataclasses.asdict(scene.ball)
     doubts = {"camera_doubts": list(scene.camera_doubts)} if scene.camera_doubts else {}
-    return {"format": FORMAT, **doubts, "table": table, "ball": ball, "balls": balls, "goal": entries}
+    return {"format": SCENE_FORMAT, **doubts, "table": table, "ball": ball, "balls": balls, "goal": entries}
 
 
 def scene_from(data: Any, where: str) -> Scene:
@@ -183,7 +183,7 @@ def scene_from(data: Any, where: str) -> Scene:
     """
     faults = Faults()
     top = Place(where, faults)
-    body = of_format(data, FORMAT, SceneFile, top)
+    body = of_format(data, SCENE_FORMAT, SceneFile, top)
     file = faults.settle(None if body is None else decode(SceneFile, named_table(body, top), top))
     table, ball = file.table, file.ball
     for section, _, problem in size_faults(table, ball):
@@ -225,7 +225,7 @@ def _places(data: Mapping[str, Any], table: Table, ball: Ball, at: Place) -> dic
 
 def _on_table(value: Any, name: str, table: Table, ball: Ball, at: Place) -> Array | None:
     """A valid position (2,) [m] of a ball; None, with the fault noted, for an invalid one."""
-    xy = read_value(name, value, Array, PLACE, at)
+    xy = read_value(name, value, Array, PLACE_ENTRY, at)
     if xy is None:
         return None
     given, limit = f"{name} = {shown(value)}", table.centre_limits(ball)

@@ -23,8 +23,8 @@ from models.interface import HasModel, model_of
 from models.messages import counted
 from models.mjcf.export import places_of
 from models.model_file import Model, full_model, write_model
-from models.report.numbers import millimetres, number
-from models.sheet import Picture, Presented, Sheet, frame_of
+from models.report.numbers import SDS_OF_95_PERCENT, millimetres, number
+from models.report.sheet import Picture, Presented, Sheet, frame_of
 from sysid.clips import ClipSet
 from sysid.clips.choose import chosen_clip
 from sysid.estimation.clip_fit import ClipFit, fit_clips
@@ -33,7 +33,7 @@ from sysid.prepare import prepare
 from sysid.report.findings import labelled_models, round_rows, shot_lines, verdict_lines
 from sysid.report.html import write_report
 from sysid.report.outcome import compared_ends, compared_with_formula, write_discovery, write_outcome
-from sysid.report.plot import shot_figure
+from sysid.report.pictures.plot import shot_figure
 from sysid.report.text import in_words, summary_lines, worst_rows
 from sysid.report.verdict import verdict_of
 from sysid.residuals.compare import compare as compare_clips
@@ -44,7 +44,6 @@ from sysid.selection.discover import discover as discover_effects
 from sysid.selection.judgement import ERROR_RATE
 from sysid.selection.result import DiscoveryResult, Show
 
-SDS_OF_95_PERCENT = 1.96  # half width of a 95 % interval, in standard deviations
 CALLED_FROM = "sysid.discover"  # the origin that model files state
 Result = TypeVar("Result")
 

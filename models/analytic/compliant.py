@@ -23,24 +23,24 @@ CLOTH_SWEEPS = 2  # sweeps over the direction of friction at the cloth within a 
 
 @compiled
 def dragged(q1, q2, w1, w2, longest):  # type: ignore[no-untyped-def]
-    """The stretch q of a spring that grew by w and slips where it would exceed `longest`: its foot is dragged along q.
+    """The extension q of a spring that grew by w and slips where it exceeds `longest`: its foot is dragged along q.
 
-    The drag acts along the mean of the stretches before and after, to second order; where it is more than those it
+    The drag acts along the mean of the extensions before and after, to second order; where it is more than those it
     acts along the one after, which swings less.
     """
-    stretch = math.sqrt(q1 * q1 + q2 * q2)
-    if stretch <= longest:
+    extension = math.sqrt(q1 * q1 + q2 * q2)
+    if extension <= longest:
         return q1, q2
     z1, z2 = q1 - w1, q2 - w2
     a = z1 * z1 + z2 * z2 - longest * longest
     b = q1 * z1 + q2 * z2 + longest * longest
-    c = stretch * stretch - longest * longest
+    c = extension * extension - longest * longest
     if b > 0.0 and b * b > a * c:
         share = c / (b + math.sqrt(b * b - a * c))
         if share < 1.0:
             q1, q2 = (q1 - share * z1) / (1.0 + share), (q2 - share * z2) / (1.0 + share)
-            stretch = math.sqrt(q1 * q1 + q2 * q2)
-    return q1 * longest / stretch, q2 * longest / stretch
+            extension = math.sqrt(q1 * q1 + q2 * q2)
+    return q1 * longest / extension, q2 * longest / extension
 
 
 @compiled
@@ -57,10 +57,10 @@ def integrate_compliant(slips, u, e, law, compliance):  # type: ignore[no-untype
     dt = 0.5 * math.pi / QUARTER_STEPS
     total = i1 = i2 = j1 = j2 = 0.0
     deepest, stiffness = 0.0, -1.0 / du  # depth where compression ended; 0 until then
-    x, w1, w2 = 0.5 * dt * u, 0.5 * dt * s1, 0.5 * dt * s2  # depth, and by how much the stretch grew last
+    x, w1, w2 = 0.5 * dt * u, 0.5 * dt * s1, 0.5 * dt * s2  # depth, and by how much the extension grew last
     q1, q2 = w1, w2
     for _ in range(MAX_QUARTERS * QUARTER_STEPS):
-        # Depth and stretch half a step before, velocities at its end: a leapfrog.
+        # Depth and extension half a step before, velocities at its end: a leapfrog.
         force = stiffness * x if deepest == 0.0 else stiffness * (deepest - (deepest - x) / (e * e))
         if force <= 0.0:
             break

@@ -15,9 +15,8 @@ import numpy as np
 
 from models import record as rec
 from models.analytic.cloth import RESTING, ROLLING, SLIDING, STILL_SPEED, ClothPhase, add_cloth
-from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED, in_mouth
+from models.analytic.events import DEAD_SPEED, MIN_IMPACT_SPEED
 from models.analytic.increments import NOT_HELD, ball_step, cushion_step
-from models.analytic.pocket import jaw_gap, outward
 from models.analytic.spring import (
     CALM_TIME_S,
     CONTACT_GAP_M,
@@ -30,6 +29,7 @@ from models.analytic.spring import (
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.curve import push
+from models.engine.gaps import line_gap, meets
 from models.engine.impacts import ask, describe
 from models.engine.motion import POTTED, pot
 from models.engine.touch import BALL, CUSHION, MOUTH_DEPTH_M, POCKET
@@ -72,42 +72,6 @@ class Springs(NamedTuple):
     dv: Array  # (n, 5) changes of velocity and spin in a step
     work: Array  # (3, 10)
     hit: Array  # (IMPACT_FIELDS,)
-
-
-@compiled_in_place
-def _meets(b, i, j, geometry):  # type: ignore[no-untyped-def]
-    """Gap, approach speed and normal of balls i and j, or of ball i and rail or jaw -1 - j where j < 0."""
-    radius = geometry.radius
-    if j >= 0:
-        x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
-        d2, touch = x * x + y * y, 2.0 * radius + CONTACT_GAP_M
-        if d2 > touch * touch:
-            return np.inf, 0.0, 1.0, 0.0
-        d = math.sqrt(d2)
-        x, y = x / d, y / d
-        return d - 2.0 * radius, (b[i, col.VX] - b[j, col.VX]) * x + (b[i, col.VY] - b[j, col.VY]) * y, x, y
-    rail = -1 - j
-    gap = rail_gap(b[i], rail, geometry)
-    if gap > CONTACT_GAP_M:
-        return np.inf, 0.0, 1.0, 0.0
-    x, y = outward(rail, b[i, col.X], b[i, col.Y], geometry.jaws)
-    return gap, b[i, col.VX] * x + b[i, col.VY] * y, x, y
-
-
-@compiled_in_place
-def _line_gap(b, rail, geometry):  # type: ignore[no-untyped-def]
-    """Distance of a ball from a jaw, or from a rail's line of contact, also where that is open."""
-    if rail >= 4:
-        return jaw_gap(geometry.jaws[rail - 4], b[col.X], b[col.Y])
-    return geometry.limits[rail // 2] - (1.0 - 2.0 * (rail % 2)) * b[rail // 2]
-
-
-@compiled_in_place
-def rail_gap(b, rail, geometry):  # type: ignore[no-untyped-def]
-    """Distance of a ball from contact with a rail or a jaw; inf where that is open or elsewhere."""
-    if rail < 4 and in_mouth(b[1 - rail // 2], rail, geometry.half, geometry.mouths):
-        return math.inf
-    return _line_gap(b, rail, geometry)
 
 
 @compiled_in_place
@@ -195,7 +159,7 @@ def _near(balls, springs, geometry):  # type: ignore[no-untyped-def]
             x, y = b[j, col.X] - b[i, col.X], b[j, col.Y] - b[i, col.Y]
             away = x * x + y * y > apart * apart
         else:
-            away = _line_gap(b[i], -1 - j, geometry) > CONTACT_RANGE_M  # a ball in a mouth may come sideways
+            away = line_gap(b[i], -1 - j, geometry) > CONTACT_RANGE_M  # a ball in a mouth may come sideways
         if not away:
             near[found] = c
             found += 1
@@ -258,12 +222,10 @@ def through(balls, now, until, geometry, laws, record, hit):  # type: ignore[no-
 
 
 @compiled_in_place
-def _through(springs, balls, now, until, geometry, laws, record):  # type: ignore[no-untyped-def]
-    b, kind, records, radius, mass = balls.rows, balls.kind, balls.records, geometry.radius, laws.mass
-    first, second, near, gives_back, mu, peak, given, deepest, known, heavier, dv, work, hit = springs
-    times, out, cursor = record.times, record.out, record.cursor
+def _lay_contacts(balls, springs, geometry):  # type: ignore[no-untyped-def]
+    """All pairs of bodies that may touch, and how deep they stand in each other to begin with."""
+    b, kind, first, second = balls.rows, balls.kind, springs.first, springs.second
     n = b.shape[0]
-    contacts = first.size
     at = 0
     for i in range(1, n):
         for j in range(i):
@@ -273,13 +235,85 @@ def _through(springs, balls, now, until, geometry, laws, record):  # type: ignor
         for rail in range(4 + geometry.jaws.shape[0]):
             first[at], second[at] = i, -1 - rail
             at += 1
-    for c in range(contacts):
+    for c in range(first.size):
         i, j = first[c], second[c]
         if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
             continue
-        gap, _, _, _ = _meets(b, i, j, geometry)
+        gap, _, _, _ = meets(b, i, j, geometry)
         if gap < 0.0:
-            given[c] = depth_of(j < 0, gap, radius)[0]
+            springs.given[c] = depth_of(j < 0, gap, geometry.radius)[0]
+
+
+@compiled_in_place
+def _begin_impact(springs, c, contact, now, laws, record):  # type: ignore[no-untyped-def]
+    """Ask the effects how the impact at contact number c goes, which `hit` describes, and log its first."""
+    (i, j, rail, _, _), mu, heavier, hit = contact, springs.mu, springs.heavier, springs.hit
+    ask(hit, laws.forces.own, laws.impact)
+    springs.gives_back[c] = hit[rec.RESTITUTION]
+    mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]
+    mu[c, 3] = hit[rec.NOSE]
+    heavier[i] = hit[rec.MASS_FIRST]
+    if j >= 0:
+        heavier[j] = hit[rec.MASS_SECOND]
+    if not springs.known[c]:
+        springs.known[c] = True
+        what, other = (BALL, j) if j >= 0 else (CUSHION, rail)
+        record.counts[what] += 1
+        note(record, now, what, i, other)
+
+
+@compiled_in_place
+def _sample(balls, dv, now, until, record):  # type: ignore[no-untyped-def]
+    """Write the balls at the times within a step, at most to `until`, as their changes dv (n, 5) carry them."""
+    b, kind, times, out, cursor = balls.rows, balls.kind, record.times, record.out, record.cursor
+    n = b.shape[0]
+    while cursor[0] < times.size and times[cursor[0]] <= min(now + SPRING_STEP_S, until):
+        part = times[cursor[0]] - now
+        for i in range(n):
+            o = out[cursor[0], i]
+            if kind[i] == POTTED:
+                o[:] = np.nan
+                continue
+            f = part / SPRING_STEP_S
+            o[2], o[3] = b[i, col.VX] + f * dv[i, 0], b[i, col.VY] + f * dv[i, 1]
+            o[0], o[1] = (
+                b[i, col.X] + part * (b[i, col.VX] + dv[i, 0]),
+                b[i, col.Y] + part * (b[i, col.VY] + dv[i, 1]),
+            )
+            for x in range(3):
+                o[4 + x] = b[i, col.WX + x] + f * dv[i, 2 + x]
+            o[7] = b[i, col.TURN] + part * (b[i, col.WZ] + 0.5 * f * dv[i, 4])
+        cursor[0] += 1
+
+
+@compiled_in_place
+def _has_parted(balls, springs, looked, geometry):  # type: ignore[no-untyped-def]
+    """Whether nothing presses any longer, and whether nothing moves against what it touches."""
+    b, kind, first, second, given = balls.rows, balls.kind, springs.first, springs.second, springs.given
+    free, rests = True, True
+    for c in springs.near[:looked]:
+        i, j = first[c], second[c]
+        if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
+            continue
+        gap, approach, _, _ = meets(b, i, j, geometry)
+        if gap > CONTACT_GAP_M:
+            continue
+        rests = rests and abs(approach) < DEAD_SPEED
+        if approach > MIN_IMPACT_SPEED:
+            free = False
+            continue
+        # A spring of little restitution is slower than what it has pushed: that leaves it before it has come back.
+        depth = depth_of(j < 0, gap, geometry.radius)[0]
+        free = free and depth - min(given[c], depth) <= CONTACT_GAP_M
+    return free, rests
+
+
+@compiled_in_place
+def _through(springs, balls, now, until, geometry, laws, record):  # type: ignore[no-untyped-def]
+    b, kind, records, radius, mass = balls.rows, balls.kind, balls.records, geometry.radius, laws.mass
+    first, second, near, gives_back, mu, peak, given, deepest, _, heavier, dv, work, hit = springs
+    n = b.shape[0]
+    _lay_contacts(balls, springs, geometry)
     end, calm, room = now + MAX_CLUSTER_S, 0.0, CONTACT_RANGE_M
     looked = _near(balls, springs, geometry)
     while True:
@@ -292,11 +326,11 @@ def _through(springs, balls, now, until, geometry, laws, record):  # type: ignor
             i, j = first[c], second[c]
             if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
                 continue
-            gap, approach, nx, ny = _meets(b, i, j, geometry)
+            gap, approach, nx, ny = meets(b, i, j, geometry)
             if gap > CONTACT_GAP_M:
                 peak[c] = given[c] = deepest[c] = 0.0
                 continue
-            cushion = j < 0
+            contact, cushion = Contact(i, j, -1 - j, nx, ny), j < 0
             sudden = peak[c] == 0.0 and given[c] == 0.0
             if sudden and -gap > CROWD_GAP_M + 2.0 * SPRING_STEP_S * abs(approach):  # it came sideways
                 given[c] = depth_of(cushion, gap, radius)[0]
@@ -307,19 +341,8 @@ def _through(springs, balls, now, until, geometry, laws, record):  # type: ignor
                     continue
             if approach > max(peak[c], MIN_IMPACT_SPEED):
                 peak[c] = approach
-                describe(hit, b, Contact(i, j, -1 - j, nx, ny), radius, laws.session, now)
-                ask(hit, laws.forces.own, laws.impact)
-                gives_back[c] = hit[rec.RESTITUTION]
-                mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]
-                mu[c, 3] = hit[rec.NOSE]
-                heavier[i] = hit[rec.MASS_FIRST]
-                if not cushion:
-                    heavier[j] = hit[rec.MASS_SECOND]
-                if not known[c]:
-                    known[c] = True
-                    what, other = (CUSHION, -1 - j) if cushion else (BALL, j)
-                    record.counts[what] += 1
-                    note(record, now, what, i, other)
+                describe(hit, b, contact, radius, laws.session, now)
+                _begin_impact(springs, c, contact, now, laws, record)
             depth, level = depth_of(cushion, gap, radius)
             given[c] = min(given[c], max(depth, 0.0))
             pressed = depth - given[c]
@@ -334,43 +357,13 @@ def _through(springs, balls, now, until, geometry, laws, record):  # type: ignor
             law = ContactLaw(
                 mu[c, 0], mu[c, 1], mu[c, 2], mu[c, 3], laws.cloth[0], radius, level, 0.0, 0.0, NOT_HELD
             )  # fmt: skip
-            press(b, Contact(i, j, -1 - j, nx, ny), dp, masses, law, dv, work)
-        while cursor[0] < times.size and times[cursor[0]] <= min(now + SPRING_STEP_S, until):
-            part = times[cursor[0]] - now
-            for i in range(n):
-                o = out[cursor[0], i]
-                if kind[i] == POTTED:
-                    o[:] = np.nan
-                    continue
-                f = part / SPRING_STEP_S
-                o[2], o[3] = b[i, col.VX] + f * dv[i, 0], b[i, col.VY] + f * dv[i, 1]
-                o[0], o[1] = (
-                    b[i, col.X] + part * (b[i, col.VX] + dv[i, 0]),
-                    b[i, col.Y] + part * (b[i, col.VY] + dv[i, 1]),
-                )
-                for x in range(3):
-                    o[4 + x] = b[i, col.WX + x] + f * dv[i, 2 + x]
-                o[7] = b[i, col.TURN] + part * (b[i, col.WZ] + 0.5 * f * dv[i, 4])
-            cursor[0] += 1
+            press(b, contact, dp, masses, law, dv, work)
+        _sample(balls, dv, now, until, record)
         room = _go(b, dv, kind, room)
         if room <= 2.0 * CONTACT_GAP_M:
             looked, room = _near(balls, springs, geometry), CONTACT_RANGE_M
         now += SPRING_STEP_S
-        free, rests = True, True
-        for c in near[:looked]:
-            i, j = first[c], second[c]
-            if kind[i] == POTTED or (j >= 0 and kind[j] == POTTED):
-                continue
-            gap, approach, _, _ = _meets(b, i, j, geometry)
-            if gap > CONTACT_GAP_M:
-                continue
-            rests = rests and abs(approach) < DEAD_SPEED
-            if approach > MIN_IMPACT_SPEED:
-                free = False
-                continue
-            # A spring of little restitution is slower than what it has pushed: that leaves it before it has come back.
-            depth = depth_of(j < 0, gap, radius)[0]
-            free = free and depth - min(given[c], depth) <= CONTACT_GAP_M
+        free, rests = _has_parted(balls, springs, looked, geometry)
         calm = calm + SPRING_STEP_S if rests else 0.0
         if free or calm >= CALM_TIME_S or now >= end or now >= until:
             return now

@@ -13,4 +13,5 @@ COLUMN_COUNT = 20
     X, Y, VX, VY, WX, WY, WZ, TURN, ROLLED, CLOCK, AX, AY, END, MEET, BEGIN, SPAN, MODE, LAST, BOUND, TRY,
 ) = range(COLUMN_COUNT)  # fmt: skip
 STATE_SIZE = 9  # columns of the state, from X to ROLLED
+ROW_SIZE = 8  # columns of a ball at one time, as samples have them: place, velocity, spin, angle turned
 TERM_COUNT = 6  # terms of the polynomial in time of each column on a curve

@@ -30,30 +30,34 @@ from models.analytic.cloth import (
 from models.compiled import compiled_in_place
 from models.effect import STILL
 from models.engine import columns as col
-from models.engine.dense import ERROR_WEIGHTS, STAGE_NODES, STAGE_WEIGHTS, smooth, straight_on
+from models.engine.dense import (
+    SAFETY_FACTOR,
+    STAGE_NODES,
+    STAGE_WEIGHTS,
+    STEP_TOLERANCE_M,
+    error_weights,
+    first_share,
+    smooth,
+    step_error,
+    straight_on,
+)
 from models.engine.motion import CURVE, GOES_ON, REST, SLIDE_ENDS, STOPS
 from models.hooks import call_hook, call_horizon
 from models.shot import GRAVITY, SESSION_FIELDS
 
-STEP_TOLERANCE_M = 3e-7  # error of a step, as an error of position at the end of the roll [m]
-MIN_DECELERATION = 0.1  # deceleration of a roll, less on a faster cloth, which limits how long an error lasts [m/s^2]
-LEAST_DECELERATION = 1e-3  # the same on the fastest cloth [m/s^2]
-SPIN_ERROR_S = 0.1  # time for which an error of sidespin counts [s]
 SHORT_SLIDE_S = 1e-3  # rest of a slide that is computed with constant friction [s]
 SHORT_SOFT_SLIDE_S = 1e-4  # the same where friction is not the full one [s]
 SHORT_ROLL_S = 0.03  # rest of a roll that is computed as a straight line [s]
 LAST_TURN = 0.5  # largest turn in one step of a roll that is turned more than slowed [rad]
 END_SHARE = 0.995  # largest part of the rest of a roll or a slide in one step
 END_SHARE_SOFT = 0.9  # the same for a slide whose friction is not the full one
-SPEED_ERROR = 0.02  # error of a step of a slow roll, over its speed: a larger one would restore a decayed speed
-TURN_ERROR = 4e-4  # error of a step of half of what is left of a motion, over how much a push across it turns it
 MAX_STEP_RATIO = 9.0  # ratio of a step to the rest of a motion above which errors no longer grow with it
 MAX_REMAINING_S = 1e3  # longest rest of a motion [s]
 LAST_STAGE_LEAD_S = 1e-9  # time from the last stage of a step to its end, where a push may switch [s]
 CREEP_SPEED = 3e-3  # largest speed of a creeping ball: within SHORT_ROLL_S its forces do not change [m/s]
 CREEP_SHARE = 0.1  # largest difference between push and rolling resistance of a creeping ball, over the resistance
 NO_RESISTANCE = 1e-6  # rolling resistance below which there is none [m/s^2]
-MAX_GROWTH, MIN_GROWTH, SAFETY_FACTOR = 5.0, 0.2, 0.9  # of a step: largest and smallest growth, and safety margin
+MAX_GROWTH, MIN_GROWTH = 5.0, 0.2  # of a step
 MAX_STEP_S = 2.0  # longest step [s]
 MIN_STEP_S = 1e-7  # step that is accepted whatever its error [s]
 
@@ -143,13 +147,9 @@ def _sets_off(r, forces, roll):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def curve(b, m, r, laws, until, work):  # type: ignore[no-untyped-def]
-    """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
-
-    Errors count up to the time `until`; no step is longer than MAX_STEP_S, unless it is the last of a slide or a roll.
-    r (BALL_FIELDS,) holds what stays constant; `laws`: `ShotLaws`; `work`: `CurveWork`.
-    """
-    radius, now, forces, cloth, (y, k) = r[rec.RADIUS], b[col.CLOCK], laws.forces, laws.cloth, work
+def _begin(b, r, forces, cloth):  # type: ignore[no-untyped-def]
+    """Whether a ball slides, rolls or rests from its clock on, and the velocity and spin that it does so with."""
+    radius, now = r[rec.RADIUS], b[col.CLOCK]
     # What the ball does is decided with what the cloth carries of it.
     r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY], r[rec.TIME] = b[col.X], b[col.Y], b[col.VX], b[col.VY], now
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
@@ -177,6 +177,18 @@ def curve(b, m, r, laws, until, work):  # type: ignore[no-untyped-def]
             mode, b[col.VX], b[col.VY] = ROLLING, v * nx, v * ny
     if mode != SLIDING:
         b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
+    return mode
+
+
+@compiled_in_place
+def curve(b, m, r, laws, until, work):  # type: ignore[no-untyped-def]
+    """Lay a curve from a ball's clock on: fills b and its polynomials m; returns CURVE, or REST where nothing changes.
+
+    Errors count up to the time `until`; no step is longer than MAX_STEP_S, unless it is the last of a slide or a roll.
+    r (BALL_FIELDS,) holds what stays constant; `laws`: `ShotLaws`; `work`: `CurveWork`.
+    """
+    radius, now, forces, cloth, (y, k) = r[rec.RADIUS], b[col.CLOCK], laws.forces, laws.cloth, work
+    mode = _begin(b, r, forces, cloth)
     ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
@@ -272,6 +284,22 @@ def _room(b, way, r, laws, k):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def _stages(b, way, h, r, laws, work):  # type: ignore[no-untyped-def]
+    """The stages of a step h: fills the state y at its end and the rates k; False where friction would turn round."""
+    y, k = work
+    for stage in range(6):
+        for x in range(col.STATE_SIZE):
+            total = 0.0
+            for n in range(stage + 1):
+                total += STAGE_WEIGHTS[stage, n] * k[n, x]
+            y[x] = b[x] + h * total
+        t = b[col.CLOCK] + min(STAGE_NODES[stage] * h, max(h - LAST_STAGE_LEAD_S, 0.0))
+        if not _rates(y, t, way, r, laws.forces, laws.cloth, k[stage + 1]):
+            return False
+    return True
+
+
+@compiled_in_place
 def _step(b, m, way, room, r, laws, work):  # type: ignore[no-untyped-def]
     """A step within its `Room` whose error is small, from k[0] on: fills the polynomials m, returns its length.
 
@@ -280,58 +308,21 @@ def _step(b, m, way, room, r, laws, work):  # type: ignore[no-untyped-def]
     """
     (h, left, until), mode, cloth, (y, k) = room, way.mode, laws.cloth, work
     radius, v = r[rec.RADIUS], math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
-    slows = min(max(cloth[1] * GRAVITY, LEAST_DECELERATION), MIN_DECELERATION)
-    lasts = min(until, v / slows)
-    # An error of slip along the slip ends the slide too soon or too late; one across turns it for what is left of it.
-    slip_rate = math.sqrt((k[0, col.VX] - radius * k[0, col.WY]) ** 2 + (k[0, col.VY] + radius * k[0, col.WX]) ** 2)
-    early = slows * lasts / max(slip_rate, MIN_DECELERATION)
-    slip = math.sqrt((b[col.VX] - radius * b[col.WY]) ** 2 + (b[col.VY] + radius * b[col.WX]) ** 2)
-    turns = 2 / 7 * min(until, slip / max(slip_rate, MIN_DECELERATION))
+    weights = error_weights(b, radius, cloth[1], until, k)
     resistance = rolling_resistance(r, cloth[1]) if mode == ROLLING else 0.0
     share = b[col.TRY]
     if share == 0.0 and left < MAX_REMAINING_S:
-        if mode == ROLLING:
-            across, far = abs(way.x * k[0, col.VY] - way.y * k[0, col.VX]), lasts
-        else:
-            slip_rate_x, slip_rate_y = k[0, col.VX] - radius * k[0, col.WY], k[0, col.VY] + radius * k[0, col.WX]
-            across, far = abs(way.slip_x * slip_rate_y - way.slip_y * slip_rate_x), turns
-        turned = TURN_ERROR * across * left * far
-        share = SAFETY_FACTOR * math.sqrt(math.sqrt(STEP_TOLERANCE_M / turned)) if turned > 0.0 else 0.0
+        share = first_share(way, left, radius, weights, k)
     if share > 0.0:
         h = min(h, left * share / (1.0 + share))
     while True:
-        fine = True
-        for stage in range(6):
-            for x in range(col.STATE_SIZE):
-                total = 0.0
-                for n in range(stage + 1):
-                    total += STAGE_WEIGHTS[stage, n] * k[n, x]
-                y[x] = b[x] + h * total
-            t = b[col.CLOCK] + min(STAGE_NODES[stage] * h, max(h - LAST_STAGE_LEAD_S, 0.0))
-            if not _rates(y, t, way, r, laws.forces, cloth, k[stage + 1]):
-                fine = False
-                break
-        if not fine:
-            if h <= MIN_STEP_S:
-                break
+        if not _stages(b, way, h, r, laws, work):
+            if h <= MIN_STEP_S:  # nothing is left of the motion
+                straight_on(b, m, h, k)
+                return h
             h = max(0.5 * h, MIN_STEP_S)
             continue
-        ex = ey = wx = wy = wz = 0.0
-        for n in range(7):
-            e = h * ERROR_WEIGHTS[n]
-            ex, ey = ex + e * k[n, col.VX], ey + e * k[n, col.VY]
-            wx, wy, wz = wx + e * k[n, col.WX], wy + e * k[n, col.WY], wz + e * k[n, col.WZ]
-        sx, sy = ex - radius * wy, ey + radius * wx
-        if mode == ROLLING:
-            sx = sy = 0.0
-        ex, ey = ex - 2 / 7 * sx, ey - 2 / 7 * sy
-        off = math.sqrt(ex * ex + ey * ey)
-        error = off * lasts
-        error += early * abs(sx * way.slip_x + sy * way.slip_y) + turns * abs(sx * way.slip_y - sy * way.slip_x)
-        error += SPIN_ERROR_S * radius * abs(wz)
-        if mode == ROLLING:
-            fastest = max(v, math.sqrt(y[col.VX] * y[col.VX] + y[col.VY] * y[col.VY]))
-            error = max(error, STEP_TOLERANCE_M * off / (SPEED_ERROR * fastest))
+        error = step_error(h, way, max(v, math.sqrt(y[col.VX] * y[col.VX] + y[col.VY] * y[col.VY])), radius, weights, k)
         # Sidespin or rolling resistance that would pass through zero ends the step there.
         part = 1.0
         if b[col.WZ] != 0.0 and way.spin * y[col.WZ] < 0.0 and abs(y[col.WZ]) > STILL_SPIN:
@@ -351,9 +342,6 @@ def _step(b, m, way, room, r, laws, work):  # type: ignore[no-untyped-def]
         else:
             share = min(share, MAX_STEP_RATIO) * max(MIN_GROWTH, SAFETY_FACTOR * (STEP_TOLERANCE_M / error) ** (1 / 3))
             h = max(left * share / (1.0 + share), MIN_STEP_S)
-    if not fine:  # nothing is left of the motion
-        straight_on(b, m, h, k)
-        return h
     smooth(b, m, h, k)
     return h
 

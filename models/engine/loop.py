@@ -39,8 +39,6 @@ from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
 from models.engine.workspace import Forces, Options, Pair, ShotLaws, ShotLog, workspace
 from models.hooks import STROKE_FIELDS
 
-ROW_SIZE = 8  # numbers of a ball at one time: place, velocity, spin, angle turned
-
 
 @compiled_in_place
 def _sample(balls, record, until, radius, alpha, keep):  # type: ignore[no-untyped-def]
@@ -55,7 +53,7 @@ def _sample(balls, record, until, radius, alpha, keep):  # type: ignore[no-untyp
             for x in range(col.COLUMN_COUNT):
                 keep[x] = b[i, x]
             advance(b[i], m[i], kind[i], times[cursor[0]], radius, alpha)
-            for x in range(ROW_SIZE):
+            for x in range(col.ROW_SIZE):
                 o[x] = b[i, x]
             for x in range(col.COLUMN_COUNT):
                 b[i, x] = keep[x]
@@ -71,7 +69,7 @@ def _lay_balls(work, start, stays, radius, laws):  # type: ignore[no-untyped-def
     for i in range(b.shape[0]):
         lay_record(balls.records[i], i, radius, laws)
         for x in range(col.COLUMN_COUNT):
-            b[i, x] = start[i, x] if x < ROW_SIZE else 0.0
+            b[i, x] = start[i, x] if x < col.ROW_SIZE else 0.0
         kind[i], balls.stays[i] = REST, stays[i]
         notes.todo[i], notes.leans[i], notes.quiet[i], notes.held[i] = True, -np.inf, -np.inf, False
         if math.isnan(b[i, col.X]):
@@ -116,6 +114,33 @@ def _after_impact(work, pair, speed, slow, now, geometry, alpha):  # type: ignor
 
 
 @compiled_within
+def _bring(balls, notes, event, i, j, t, radius, alpha):  # type: ignore[no-untyped-def]
+    """Bring what an event concerns to its time; returns what it is, and whether two balls are only pressed together."""
+    b, m, kind, todo = balls.rows, balls.curves, balls.kind, notes.todo
+    advance(b[i], m[i], kind[i], t, radius, alpha)
+    todo[i] = True
+    if event == BALL:
+        advance(b[j], m[j], kind[j], t, radius, alpha)
+        todo[j] = True
+        if notes.again[j * (j - 1) // 2 + i]:
+            return SWITCH, True
+    return event, False
+
+
+@compiled_within
+def _impact(work, pair, speed, geometry, laws, now):  # type: ignore[no-untyped-def]
+    """Carry two bodies through their impact; whether it leaves them pressed together, and whether they were before."""
+    b, leans, (i, j, _) = work.balls.rows, work.notes.leans, pair
+    known = leans[i] > now or (j >= 0 and leans[j] > now)
+    slow = collide_alone(b, pair, known, geometry, laws, work.impact, now)
+    if not slow:
+        stays_in = work.impact.hit[rec.CONTACT_TIME]
+        delay_rebound(b[i], b[i, col.VX :], pair.rail, stays_in, laws.cloth[0], geometry)
+    _after_impact(work, pair, speed, slow, now, geometry, laws.cloth[2])
+    return slow, known
+
+
+@compiled_within
 def _settle_pressed(work, pair, geometry, laws, now):  # type: ignore[no-untyped-def]
     """Carry all through at once that press on each other; they lean from now on."""
     balls, notes, touched = work.balls, work.notes, work.notes.touched
@@ -156,7 +181,7 @@ def _hand_back(balls, now, radius, alpha, start, potted):  # type: ignore[no-unt
     for i in range(b.shape[0]):
         if kind[i] != POTTED:
             advance(b[i], m[i], kind[i], now, radius, alpha)
-        for x in range(ROW_SIZE):
+        for x in range(col.ROW_SIZE):
             start[i, x] = b[i, x]
         potted[i] = kind[i] == POTTED
 
@@ -169,14 +194,14 @@ def play_shot(work, start, stays, geometry, laws, options, record):  # type: ign
     others: a `TableGeometry`, `ShotLaws`, `Options` and a `ShotLog`.
     """
     balls, notes, radius, alpha, until = work.balls, work.notes, geometry.radius, laws.cloth[2], options.until
-    b, m, kind, what, leans, todo = balls.rows, balls.curves, balls.kind, notes.what, notes.leans, notes.todo
+    b, kind, what = balls.rows, balls.kind, notes.what
     _lay_balls(work, start, stays, radius, laws)
     # Counters begin as numbers that the compiler does not know: it would compile what they go into for each literal.
     zero = 0 * start.shape[0]
     now, ended = 0.0, np.nan
     for done in range(options.most + 1):
         next_motions(work, radius, laws, now, until)
-        i = stopped_in_rail(balls, todo, geometry) if now > 0.0 else zero - 1
+        i = stopped_in_rail(balls, notes.todo, geometry) if now > 0.0 else zero - 1
         if i >= 0:
             _leave_rail(work, i, geometry, alpha, now)
             continue
@@ -188,14 +213,8 @@ def play_shot(work, start, stays, geometry, laws, options, record):  # type: ign
         if done == options.most:
             break
         _sample(balls, record, t, radius, alpha, work.keep)
-        now, pressed = t, False
-        advance(b[i], m[i], kind[i], t, radius, alpha)
-        todo[i] = True
-        if event == BALL:
-            advance(b[j], m[j], kind[j], t, radius, alpha)
-            todo[j] = True
-            if notes.again[j * (j - 1) // 2 + i]:
-                event, pressed = SWITCH, True
+        now = t
+        event, pressed = _bring(balls, notes, event, i, j, t, radius, alpha)
         pair = Pair(i, j, what[i, 1] if event == CUSHION else zero - 1)
         if event in (BALL, CUSHION):
             speed = approach_speed(b, pair, geometry.jaws)
@@ -207,19 +226,13 @@ def play_shot(work, start, stays, geometry, laws, options, record):  # type: ign
                 now = through(balls, now, until, geometry, laws, record, work.impact.hit)
                 _after_crowd(balls, notes, now, radius)
                 continue
-            known = leans[i] > now or (j >= 0 and leans[j] > now)
-            slow = collide_alone(b, pair, known, geometry, laws, work.impact, now)
-            if not slow:
-                stays_in = work.impact.hit[rec.CONTACT_TIME]
-                delay_rebound(b[i], b[i, col.VX :], pair.rail, stays_in, laws.cloth[0], geometry)
-            _after_impact(work, pair, speed, slow, now, geometry, alpha)
-            pressed = slow
-            if slow and known:
+            pressed, known = _impact(work, pair, speed, geometry, laws, now)
+            if pressed and known:
                 event = SWITCH
         elif event == SWITCH and t == b[i, col.END]:
             arrive(b[i], kind[i], radius)
         elif event == SWITCH:  # pressed to something, and looked at again
-            lean(i, now, leans, notes.still)
+            lean(i, now, notes.leans, notes.still)
         if pressed:
             _settle_pressed(work, pair, geometry, laws, now)
         record.counts[event] += 1
@@ -249,7 +262,7 @@ def play_rows(first, last, game, shots, record, most, clusters):  # type: ignore
         launch = 0.0
         if struck[s]:
             b = start[s, 0]
-            launch = deliver(b[col.VX : col.WX], b[col.WX : ROW_SIZE], at, hooks.strike, radius[s], mass, cue)
+            launch = deliver(b[col.VX : col.WX], b[col.WX : col.ROW_SIZE], at, hooks.strike, radius[s], mass, cue)
         geometry = TableGeometry(radius[s], limits[s], half[s], pockets.ends, pockets.jaws, pockets.falls)
         forces = Forces(at, hooks.forces, hooks.support)
         laws = ShotLaws(forces, hooks.horizon, hooks.impact, cloth[s], mass, session[s], launch)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.analytic.pocket import NO_ARCS, Pockets, pockets_of, rail_of
-from models.engine.loop import ROW_SIZE, play_rows
+from models.engine.columns import ROW_SIZE
+from models.engine.loop import play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
 from models.interrupts import go_on

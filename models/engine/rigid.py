@@ -20,7 +20,8 @@ from models.analytic.impulse import ImpactLaw, collide
 from models.analytic.pocket import outward
 from models.compiled import compiled_in_place
 from models.engine import columns as col
-from models.engine.cluster import CROWD_GAP_M, rail_gap
+from models.engine.cluster import CROWD_GAP_M
+from models.engine.gaps import rail_gap
 from models.engine.impacts import ask, describe, part
 from models.engine.motion import POTTED
 from models.engine.workspace import Contact, Pair

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from models.analytic.events import INSIDE_M
 from models.compiled import compiled_in_place
-from models.engine.cluster import rail_gap
+from models.engine.gaps import rail_gap
 from models.engine.motion import REST
 from models.engine.rigid import part_all
 from models.shot import GRAVITY

@@ -27,7 +27,7 @@ from models.analytic.pocket import is_behind, is_facing, meet_jaw, straight
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
 from models.engine.motion import CURVE, POTTED, REST, place, pull
-from models.engine.workspace import Motion
+from models.engine.workspace import Chord, Motion
 
 BALL, CUSHION, POCKET, SWITCH = 0, 1, 2, 3
 MOUTH_DEPTH_M = 1e-4  # depth beyond the line of contact from which a ball is in a pocket's mouth for certain [m]
@@ -163,7 +163,7 @@ def meet_table(motion, what, geometry, stays, until, left_out):  # type: ignore[
     if kind == CURVE:
         _meet_table_on_curve(motion, what, geometry, stays, until, left_out)
         return
-    _, limits, half, mouths, jaws, falls = geometry
+    _, limits, half, mouths, _, falls = geometry
     h = min(b[col.END], until) - b[col.CLOCK]
     bent = falls.shape[0] > 0 and not stays
     for rail in range(4):
@@ -193,27 +193,34 @@ def meet_table(motion, what, geometry, stays, until, left_out):  # type: ignore[
         if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
             b[col.MEET], what[0], what[1] = b[col.CLOCK] + t, found, rail
     if bent:
-        for k in range(jaws.shape[0] + falls.shape[0]):
-            fall = k >= jaws.shape[0]
-            if not fall and left_out >> (4 + k) & 1:
-                continue
-            if fall:
-                at = falls[k - jaws.shape[0]]
-                t = meeting(_seen_from(b, at[0], at[1]), at[2], h)
-            else:
-                t = meet_jaw(jaws[k], _seen_from(b, 0.0, 0.0), h)
-            if t == -1.0:
-                if not fall:
-                    _look_again(b, what, b[col.BOUND])
-            elif b[col.CLOCK] + t < b[col.MEET]:
-                b[col.MEET] = b[col.CLOCK] + t
-                what[0], what[1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
+        _meet_jaws(b, what, geometry, h, left_out)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             sx, sy = 1.0 - 2.0 * (corner % 2), 1.0 - 2.0 * (corner // 2)
             t = meeting(_seen_from(b, sx * half[0], sy * half[1]), mouths[2], h)
             if t >= 0.0 and b[col.CLOCK] + t < b[col.MEET]:
                 b[col.MEET], what[0], what[1] = b[col.CLOCK] + t, POCKET, -1
+
+
+@compiled_in_place
+def _meet_jaws(b, what, geometry, h, left_out):  # type: ignore[no-untyped-def]
+    """What of the jaws, and of the edges behind them, a ball on no curve meets within h [s]."""
+    jaws, falls = geometry.jaws, geometry.falls
+    for k in range(jaws.shape[0] + falls.shape[0]):
+        fall = k >= jaws.shape[0]
+        if not fall and left_out >> (4 + k) & 1:
+            continue
+        if fall:
+            at = falls[k - jaws.shape[0]]
+            t = meeting(_seen_from(b, at[0], at[1]), at[2], h)
+        else:
+            t = meet_jaw(jaws[k], _seen_from(b, 0.0, 0.0), h)
+        if t == -1.0:
+            if not fall:
+                _look_again(b, what, b[col.BOUND])
+        elif b[col.CLOCK] + t < b[col.MEET]:
+            b[col.MEET] = b[col.CLOCK] + t
+            what[0], what[1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
 
 
 @compiled_in_place
@@ -280,7 +287,7 @@ def _meet_facing_on_curve(motion, what, jaw, number, now, end):  # type: ignore[
 
 @compiled_in_place
 def _meet_table_on_curve(motion, what, geometry, stays, until, left_out):  # type: ignore[no-untyped-def]
-    (b, m, kind), (_, limits, half, mouths, jaws, falls) = motion, geometry
+    (b, m, kind), (_, limits, half, mouths, _, falls) = motion, geometry
     now, end = b[col.CLOCK], min(b[col.END], until)
     if end <= now:
         return
@@ -322,23 +329,7 @@ def _meet_table_on_curve(motion, what, geometry, stays, until, left_out):  # typ
         if t >= 0.0 and t < b[col.MEET]:
             b[col.MEET], what[0], what[1] = t, found, rail
     if bent:
-        for k in range(jaws.shape[0] + falls.shape[0]):
-            fall = k >= jaws.shape[0]
-            if not fall and left_out >> (4 + k) & 1:
-                continue
-            at = falls[k - jaws.shape[0]] if fall else jaws[k]
-            if _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - ex, at[1] - ey) > at[2] + CLOSED_GAP_M + sagitta:
-                continue
-            if not fall and is_facing(at):
-                _meet_facing_on_curve(motion, what, at, 4 + k, now, end)
-                continue
-            t = _to_point(motion, at[0], at[1], at[2], now, end)
-            if t == -1.0:
-                if not fall:
-                    _look_again(b, what, b[col.BOUND])
-            elif t < b[col.MEET]:
-                b[col.MEET] = t
-                what[0], what[1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
+        _meet_jaws_on_curve(motion, what, geometry, Chord(ex, ey, sagitta, end), left_out)
     elif mouths[0] > 0.0 and not stays:
         for corner in range(4):
             px, py = (1.0 - 2.0 * (corner % 2)) * half[0], (1.0 - 2.0 * (corner // 2)) * half[1]
@@ -347,6 +338,30 @@ def _meet_table_on_curve(motion, what, geometry, stays, until, left_out):  # typ
             t = _to_point(motion, px, py, mouths[2], now, end)
             if t >= 0.0 and t < b[col.MEET]:
                 b[col.MEET], what[0], what[1] = t, POCKET, -1
+
+
+@compiled_in_place
+def _meet_jaws_on_curve(motion, what, geometry, chord, left_out):  # type: ignore[no-untyped-def]
+    """What of the jaws, and of the edges behind them, a ball on a curve meets before the end of its `Chord`."""
+    b, now, jaws, falls = motion.ball, motion.ball[col.CLOCK], geometry.jaws, geometry.falls
+    for k in range(jaws.shape[0] + falls.shape[0]):
+        fall = k >= jaws.shape[0]
+        if not fall and left_out >> (4 + k) & 1:
+            continue
+        at = falls[k - jaws.shape[0]] if fall else jaws[k]
+        apart = _apart(at[0] - b[col.X], at[1] - b[col.Y], at[0] - chord.x, at[1] - chord.y)
+        if apart > at[2] + CLOSED_GAP_M + chord.sagitta:
+            continue
+        if not fall and is_facing(at):
+            _meet_facing_on_curve(motion, what, at, 4 + k, now, chord.end)
+            continue
+        t = _to_point(motion, at[0], at[1], at[2], now, chord.end)
+        if t == -1.0:
+            if not fall:
+                _look_again(b, what, b[col.BOUND])
+        elif t < b[col.MEET]:
+            b[col.MEET] = t
+            what[0], what[1] = (POCKET, k - jaws.shape[0]) if fall else (CUSHION, 4 + k)
 
 
 @compiled_in_place

@@ -28,6 +28,15 @@ class Motion(NamedTuple):
     kind: int  # what it does (models/engine/motion.py)
 
 
+class Chord(NamedTuple):
+    """The chord of a curve."""
+
+    x: float  # of its end [m]
+    y: float
+    sagitta: float  # by which the curve leaves it at most [m]
+    end: float  # when the ball is there [s]
+
+
 class Balls(NamedTuple):
     """The balls of a shot, and how each moves."""
 
@@ -86,7 +95,7 @@ class Forces(NamedTuple):
 
 
 class ShotLaws(NamedTuple):
-    """What acts on the balls of a shot, and what the effects are told of it."""
+    """What acts on the balls of a shot, and what the effects know of it."""
 
     forces: Forces
     horizon: Table  # (k, 2) hooks that say for how long a push goes on

@@ -25,7 +25,7 @@ from models.files.faults import Faults, closest, shown
 
 Kind = TypeVar("Kind")
 LIKELY_UNITS = {"m": ("mm", 1e-3), "m/s": ("mm/s", 1e-3), "kg": ("g", 1e-3), "rad": ("degrees", math.pi / 180)}
-ASSIGNED = re.compile(r"""\s*(?:([\w.-]+)|["']([^"']*)["'])\s*=""")
+ASSIGNMENT_START = re.compile(r"""\s*(?:([\w.-]+)|["']([^"']*)["'])\s*=""")
 TABLE_HEADING = re.compile(r"\s*\[\[?\s*([^\[\]]*?)\s*\]\]?\s*(#.*)?$")
 
 
@@ -90,7 +90,7 @@ def _lines_of(text: str) -> dict[tuple[str, int], tuple[int | None, dict[str, in
             name, keys = heading[1], {}
             found[name, seen[name]] = (number, keys)
             seen[name] += 1
-        elif assigned := ASSIGNED.match(line):
+        elif assigned := ASSIGNMENT_START.match(line):
             keys.setdefault(assigned[1] or assigned[2], number)
     return found
 

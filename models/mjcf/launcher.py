@@ -33,7 +33,6 @@ from models.shot import Ball
 
 DEVICE_FILE = Path(__file__).with_name("launcher.xml")
 NAME_PREFIX = "launcher/"
-CUE_TILT = np.radians(6.5)  # inclination of the cue (Robotic Billiards 2015) [rad]
 TIP_RADIUS = 0.010  # radius of the dome (Robotic Billiards 2015) [m]
 TIP_FRICTION = 0.6  # chalked leather (Alciatore, Cross 2008: about 0.6)
 TIP_RESTITUTION = 0.75  # leather (Alciatore: 0.71 to 0.75)
@@ -47,7 +46,7 @@ CUE_SPEED_RANGE = (0.2, 3.2)  # range of the cue's speed [m/s]; the paper's stri
 
 
 @dataclass(frozen=True)
-class Device:
+class CueProperties:
     """The properties of cue and tip."""
 
     cue_mass: float = CUE_MASS  # with its end [kg]
@@ -68,7 +67,7 @@ class Device:
 
 
 def attach_launcher(
-    spec: mujoco.MjSpec, name: str, ball: Ball, device: Device | None = None, aim: ArrayLike = (0.0, 0.0, 0.0)
+    spec: mujoco.MjSpec, name: str, ball: Ball, device: CueProperties | None = None, aim: ArrayLike = (0.0, 0.0, 0.0)
 ) -> None:  # fmt: skip
     """Attach a launcher to a world, aimed along +x, its names prefixed "launcher/".
 
@@ -82,7 +81,7 @@ def attach_launcher(
     Raises:
         BadInput: a number of the device is out of range.
     """
-    device = device or Device()
+    device = device or CueProperties()
     device.check()
     frame = spec.worldbody.add_frame(pos=np.asarray(aim, float))
     machine = mujoco.MjSpec.from_file(str(DEVICE_FILE))

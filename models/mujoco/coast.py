@@ -13,7 +13,7 @@ from models.engine import columns as col
 from models.engine.curve import push
 from models.hooks import call_horizon
 
-NATIVE: Final = -1  # motion of a ball on MuJoCo's own cloth, which needs nothing else
+NATIVE_CLOTH: Final = -1  # motion of a ball on MuJoCo's own cloth, which needs nothing else
 MAX_PHASES: Final = 6  # of a step: the ends of a slide, of a roll, of sidespin, and where a push switches
 
 
@@ -26,10 +26,21 @@ def _look(r, forces, cloth, mode, velocity, spin):  # type: ignore[no-untyped-de
     r[rec.VX], r[rec.VY], r[rec.WX], r[rec.WY], r[rec.WZ] = vx, vy, wx, wy, wz
     r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLING] = ux, uy, (1.0 if mode == ROLLING else 0.0)
     push(r, forces)
-    if mode == NATIVE:
+    if mode == NATIVE_CLOTH:
         return
     over, per = 1.0 / u if u > 0.0 else 0.0, 1.0 / v if v > 0.0 else 0.0
     add_cloth(r, ClothPhase(mode, u, ux * over, uy * over, v, vx * per, vy * per, wz), cloth)
+
+
+@compiled_in_place
+def _until_switch(r, forces, horizon, left):  # type: ignore[no-untyped-def]
+    """Time until what acts on a ball switches, at most what is left of the step [s]."""
+    span = left
+    for k in range(horizon.shape[0]):
+        until = call_horizon(horizon[k, 0], forces.own + 8 * horizon[k, 1], r.ctypes.data)
+        if 0.0 < until < span:
+            span = until
+    return span
 
 
 @compiled_in_place
@@ -49,7 +60,7 @@ def coast(r, b, laws, native, h, dv):  # type: ignore[no-untyped-def]
         mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
         if native:
             rolls = rolls or (u <= NATIVE_SLIP < v)
-            mode = NATIVE
+            mode = NATIVE_CLOTH
         rolls = rolls or mode == ROLLING
         ax = ay = bx = by = bz = 0.0
         span, slides, stops, spins = 0.0, False, False, False
@@ -57,11 +68,7 @@ def coast(r, b, laws, native, h, dv):  # type: ignore[no-untyped-def]
             f = 0.5 * span  # at the beginning, then in the middle
             _look(r, forces, cloth, mode, (vx + f * ax, vy + f * ay), (wx + f * bx, wy + f * by, wz + f * bz))
             ax, ay, bx, by, bz = r[rec.AX], r[rec.AY], r[rec.BX], r[rec.BY], r[rec.BZ]
-            span, slides, stops, spins = left, False, False, False
-            for k in range(horizon.shape[0]):
-                until = call_horizon(horizon[k, 0], forces.own + 8 * horizon[k, 1], r.ctypes.data)
-                if 0.0 < until < span:
-                    span = until
+            span, slides, stops, spins = _until_switch(r, forces, horizon, left), False, False, False
             if mode == SLIDING:
                 closing = -(ux * (ax - radius * by) + uy * (ay + radius * bx))
                 if closing > 0.0 and u * u <= closing * span:
@@ -72,7 +79,7 @@ def coast(r, b, laws, native, h, dv):  # type: ignore[no-untyped-def]
                     span, stops = v * v / closing, True
             elif mode == RESTING and ax == 0.0 and ay == 0.0:
                 stops = True  # what is left of a motion is none
-            if mode != NATIVE:
+            if mode != NATIVE_CLOTH:
                 if abs(wz) > STILL_SPIN and wz * bz < 0.0 and abs(wz) <= abs(bz) * span:
                     span, slides, stops, spins = abs(wz / bz), False, stops and mode == RESTING, True
                 elif abs(wz) <= STILL_SPIN and bz == 0.0:

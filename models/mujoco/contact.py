@@ -43,7 +43,7 @@ from models.mujoco.memory import (
     NOSE,
     PART,
     PEAK,
-    RAILS,
+    RAIL_COUNT,
     SINE,
     SINK,
     SOFT,
@@ -127,7 +127,60 @@ def slot(n, i, j, kind):  # type: ignore[no-untyped-def]
     """Where a contact is remembered: of balls i < j, or of ball i with rail j, or the rail that jaw j goes on from."""
     if kind == BALL:
         return j * (j - 1) // 2 + i
-    return n * (n - 1) // 2 + i * RAILS + (j if j < RAILS else RAIL_OF_JAW[j - RAILS])
+    return n * (n - 1) // 2 + i * RAIL_COUNT + (j if j < RAIL_COUNT else RAIL_OF_JAW[j - RAIL_COUNT])
+
+
+@compiled_in_place
+def _part(kept, meeting, solver):  # type: ignore[no-untyped-def]
+    """Bodies that do not touch: nothing is remembered, unless a ball has gone on to another part of the rail."""
+    _, j, kind, _, _, _, gap = meeting
+    kbip, _, row = solver
+    if kind == BALL or kept[PART] == j + 1:
+        for k in range(CONTACT_MEMORY):
+            kept[k] = 0.0
+    if row >= 0 and gap < 0.0:
+        set_row(kbip, row, gap, -FREE_ACCELERATION)
+
+
+@compiled_in_place
+def _flat_gap(gap, kind, radius):  # type: ignore[no-untyped-def]
+    """The gap to a nose, which MuJoCo has along the normal, in the plane of the slate; any other as it is."""
+    if kind != NOSE:
+        return gap
+    contact_radius = radius + NOSE_RADIUS
+    return math.sqrt((contact_radius + gap) ** 2 - (contact_radius * NOSE_SINE) ** 2) - contact_radius * NOSE_COSINE
+
+
+@compiled_in_place
+def _ask_effects(kept, contact, laws, step):  # type: ignore[no-untyped-def]
+    """Remember how the effects let an impact go."""
+    hit = step.hit
+    describe(hit, step.b, contact, step.radius, laws.session, step.now)
+    ask(hit, laws.forces.own, laws.impact)
+    e = hit[rec.RESTITUTION]
+    kept[GIVES_BACK] = e
+    kept[MU], kept[GAIN], kept[DECAY], kept[SINE] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY], hit[rec.NOSE]
+    kept[SINK], kept[SOFT] = hit[rec.SINK], hit[rec.COMPLIANCE]
+    longer = 2.0 * hit[rec.CONTACT_TIME] / (1.0 + e) / CUSHION_TIME
+    kept[STIFFNESS] = 1.0 / longer**2 if longer > 1.0 else 1.0
+
+
+@compiled_in_place
+def _hold_along_face(kept, contact, step, passes, force, moved):  # type: ignore[no-untyped-def]
+    """The spring along a cushion's face, which friction holds (models/analytic/compliant.py): `hold` of the contact."""
+    (i, _, _, nx, ny), radius = contact, step.radius
+    bi, sine = step.b[i], kept[SINE]
+    cosine = math.sqrt(1.0 - sine * sine)
+    va, vb = bi[col.VX] * ny - bi[col.VY] * nx, bi[col.VX] * nx + bi[col.VY] * ny
+    wa, wb = bi[col.WX] * ny - bi[col.WY] * nx, bi[col.WX] * nx + bi[col.WY] * ny
+    along = passes * (va + radius * (wb * sine - bi[col.WZ] * cosine))
+    up = passes * (-vb * sine - kept[DOWN] * cosine + radius * wa)
+    stiffness = moved * kept[STIFFNESS] * (math.pi / CUSHION_TIME) ** 2 / kept[SOFT]
+    q1, q2 = dragged(
+        kept[STRETCH_ALONG] + along, kept[STRETCH_UP] + up, along, up, kept[MU] * force / stiffness
+    )  # fmt: skip
+    kept[STRETCH_ALONG], kept[STRETCH_UP] = q1, q2
+    return True, -step.length * stiffness * q1, -step.length * stiffness * q2
 
 
 @compiled_in_place
@@ -138,15 +191,11 @@ def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     whether it is a new one.
     """
     i, j, kind, nx, ny, level, gap = meeting
-    b, dv, hit, masses, radius, fresh = step.b, step.dv, step.hit, step.masses, step.radius, step.fresh
+    b, dv, masses, radius, fresh = step.b, step.dv, step.masses, step.radius, step.fresh
     kbip, weight, row = solver
     cushion = kind != BALL
     if gap > -CONTACT_GAP_M:
-        if not cushion or kept[PART] == j + 1:  # not where a ball has gone on to another part of the rail
-            for k in range(CONTACT_MEMORY):
-                kept[k] = 0.0
-        if row >= 0 and gap < 0.0:
-            set_row(kbip, row, gap, -FREE_ACCELERATION)
+        _part(kept, meeting, solver)
         return False
     contact = Contact(i, -1 if cushion else j, j, nx, ny)
     new, passes = False, step.length if fresh else 0.0
@@ -154,26 +203,16 @@ def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     approach = b[i, col.VX] * nx + b[i, col.VY] * ny
     if not cushion:
         approach -= b[j, col.VX] * nx + b[j, col.VY] * ny
-    flat = gap
-    if kind == NOSE:  # the gap along the normal, as MuJoCo has it, in the plane of the slate
-        contact_radius = radius + NOSE_RADIUS
-        flat = math.sqrt((contact_radius + gap) ** 2 - (contact_radius * NOSE_SINE) ** 2) - contact_radius * NOSE_COSINE
+    flat = _flat_gap(gap, kind, radius)
     depth, across = depth_of(cushion, flat, radius, kept[SINE] if kept[PEAK] > 0.0 else NOSE_SINE)
     if kept[PEAK] == 0.0 and kept[GIVEN] == 0.0 and -gap > CROWD_GAP_M + 2.0 * SPRING_STEP_S * abs(approach):
         kept[GIVEN] = depth  # they were put into each other: nobody's work is in that
     if approach > max(kept[PEAK], MIN_IMPACT_SPEED):
         new = fresh and kept[PEAK] <= DEAD_SPEED < approach  # what closes more slowly leans
         kept[PEAK] = approach
-        describe(hit, b, contact, radius, laws.session, step.now)
-        ask(hit, laws.forces.own, laws.impact)
-        e = hit[rec.RESTITUTION]
-        kept[GIVES_BACK] = e
-        kept[MU], kept[GAIN], kept[DECAY], kept[SINE] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY], hit[rec.NOSE]
-        kept[SINK], kept[SOFT] = hit[rec.SINK], hit[rec.COMPLIANCE]
+        _ask_effects(kept, contact, laws, step)
         if cushion:
             depth, across = depth_of(True, flat, radius, kept[SINE])
-        longer = 2.0 * hit[rec.CONTACT_TIME] / (1.0 + e) / CUSHION_TIME
-        kept[STIFFNESS] = 1.0 / longer**2 if longer > 1.0 else 1.0
     kept[GIVEN] = min(kept[GIVEN], max(depth, 0.0))
     kept[LOWERED] += passes * kept[DOWN] * kept[SINE]
     pressed = max(depth - kept[GIVEN] - kept[LOWERED], 0.0)
@@ -190,19 +229,7 @@ def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     dp = step.length * force
     hold = NOT_HELD
     if cushion and kept[SOFT] > MIN_COMPLIANCE:
-        # The spring along the face, which friction holds: models/analytic/compliant.py.
-        bi, sine = b[i], kept[SINE]
-        cosine = math.sqrt(1.0 - sine * sine)
-        va, vb = bi[col.VX] * ny - bi[col.VY] * nx, bi[col.VX] * nx + bi[col.VY] * ny
-        wa, wb = bi[col.WX] * ny - bi[col.WY] * nx, bi[col.WX] * nx + bi[col.WY] * ny
-        along = passes * (va + radius * (wb * sine - bi[col.WZ] * cosine))
-        up = passes * (-vb * sine - kept[DOWN] * cosine + radius * wa)
-        stiffness = moved * kept[STIFFNESS] * (math.pi / CUSHION_TIME) ** 2 / kept[SOFT]
-        q1, q2 = dragged(
-            kept[STRETCH_ALONG] + along, kept[STRETCH_UP] + up, along, up, kept[MU] * force / stiffness
-        )  # fmt: skip
-        kept[STRETCH_ALONG], kept[STRETCH_UP] = q1, q2
-        hold = True, -step.length * stiffness * q1, -step.length * stiffness * q2
+        hold = _hold_along_face(kept, contact, step, passes, force, moved)
     law = ContactLaw(
         kept[MU], kept[GAIN], kept[DECAY], kept[SINE], laws.cloth[0], radius, across, kept[DOWN], kept[SINK], hold
     )  # fmt: skip

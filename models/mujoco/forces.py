@@ -26,10 +26,10 @@ from models.analytic.pocket import ARC_RAILS, jaw_gap
 from models.analytic.spring import CONTACT_GAP_M, SPRING_STEP_S
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
+from models.engine import touch
 from models.engine.cluster import is_still
 from models.engine.curve import lay_record
 from models.engine.impacts import RAIL_OF_JAW
-from models.engine.touch import MOUTH_DEPTH_M
 from models.engine.workspace import Forces, Index, ShotLaws
 from models.hooks import Array
 from models.mujoco import layout as at
@@ -45,14 +45,13 @@ NATIVE_STEP_S: Final = 1e-4  # in contacts with MuJoCo's own terms [s]
 LEAN_STEP_S: Final = 2e-4  # while what moves may be driven into what it all but touches, at no speed yet [s]
 TOUCH_M: Final = 1e-6  # gap of such bodies [m]
 CALM_STEP_S: Final = 2e-5  # while balls only lean on each other or on a cushion [s]
-FASTEST: Final = 30.0  # speed of a ball beyond any stroke: MuJoCo reports contacts possible within a step [m/s]
 SUPPORT_MARGIN_M: Final = 1e-7  # gap below which the slate carries a ball [m]
 LIFTED_M: Final = 1e-6  # below its height on the slate: a ball that falls and comes back to this lies there again [m]
-TAKEN: Final = 2.0  # value in the column SUNK of a ball that begins to fall with the next step
+TAKEN_FROM_NOW: Final = 2.0  # value in the column SUNK of a ball that begins to fall with the next step
 FALLING_SPEED: Final = 1e-5  # of a ball that has begun to fall, at least: gravity gives more in any step [m/s]
 SUNK_M: Final = 3e-3  # below its height on the slate, from which a ball is the pocket's [m]
 NET_TIME_S: Final = 0.03  # in which a net stops what falls into it [s]
-ARCS: Final = len(ARC_RAILS)  # number of arcs of a table with jaws; the facings follow them
+ARC_COUNT: Final = len(ARC_RAILS)  # number of arcs of a table with jaws; the facings follow them
 SAME_TIME_S: Final = 1e-9  # by which the time may differ from where a step was to lead [s]
 
 
@@ -74,7 +73,7 @@ class Contacts(NamedTuple):
     geoms: Index  # (geoms, 2) what each geom is (models/mujoco/memory.py)
 
 
-class View(NamedTuple):
+class WorldView(NamedTuple):
     """A world, and what a simulation of it remembers."""
 
     table: Index  # of the world
@@ -144,20 +143,20 @@ def _is_idle(view, i, j, kind):  # type: ignore[no-untyped-def]
     if kind == mem.BALL or numbers[mem.CORNER_MOUTH] == 0.0:
         return False
     if balls[i, mem.STAYS] > 0.0:  # for it, cushions go on
-        return j >= mem.RAILS
+        return j >= mem.RAIL_COUNT
     half, ends = numbers[mem.HALF_X : mem.HALF_Y + 1], numbers[mem.CORNER_MOUTH : mem.MIDDLE_MOUTH + 1]
-    if j < mem.RAILS:  # without jaws, what touches a cushion goes on to, also into a mouth
+    if j < mem.RAIL_COUNT:  # without jaws, what touches a cushion goes on to, also into a mouth
         touches = table[mem.JAW_COUNT] == 0 and kept[slot(b.shape[0], i, j, kind), mem.PEAK] > 0.0
         return not touches and in_mouth(b[i, 1 - j // 2], j, half, ends)
-    arc = j - mem.RAILS
-    if arc >= ARCS:
+    arc = j - mem.RAIL_COUNT
+    if arc >= ARC_COUNT:
         return False
     # An arc goes on from its cushion, and a facing from the arc: a ball meets one of them at a time.
     rail = RAIL_OF_JAW[arc]
     if not in_mouth(b[i, 1 - rail // 2], rail, half, ends):
         return True
     jaws = carray(mem.doubles(table[mem.JAWS]), (table[mem.JAW_COUNT], 5))
-    return table[mem.JAW_COUNT] > ARCS and jaw_gap(jaws[arc + ARCS], b[i, col.X], b[i, col.Y]) < np.inf
+    return table[mem.JAW_COUNT] > ARC_COUNT and jaw_gap(jaws[arc + ARC_COUNT], b[i, col.X], b[i, col.Y]) < np.inf
 
 
 @compiled_in_place
@@ -165,7 +164,7 @@ def _comes_from_a_mouth(table, numbers, ball, kept, kind, j, gap):  # type: igno
     """Whether a ball is suddenly deep in a rail: it comes sideways from a mouth, and the pocket takes it."""
     if kind != mem.NOSE or table[mem.JAW_COUNT] > 0 or numbers[mem.CORNER_MOUTH] == 0.0 or ball[mem.STAYS] > 0.0:
         return False
-    return gap < -MOUTH_DEPTH_M and kept[mem.PEAK] == 0.0 and kept[mem.GIVEN] == 0.0
+    return gap < -touch.MOUTH_DEPTH_M and kept[mem.PEAK] == 0.0 and kept[mem.GIVEN] == 0.0
 
 
 @compiled_in_place
@@ -252,11 +251,11 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     o, table = carray(mem.longs(where), at.OFFSETS), carray(mem.longs(table_at), mem.TABLE_SIZE)
     numbers = carray(mem.doubles(table[mem.NUMBERS]), mem.NUMBER_COUNT)
     n, radius = table[mem.BALLS], numbers[mem.RADIUS]
-    qpos = carray(mem.doubles(mem.longs(data + o[at.DATA_QPOS])[0]), mem.ALL)
-    qvel = carray(mem.doubles(mem.longs(data + o[at.DATA_QVEL])[0]), mem.ALL)
-    passive = carray(mem.doubles(mem.longs(data + o[at.DATA_PASSIVE])[0]), mem.ALL)
+    qpos = carray(mem.doubles(mem.longs(data + o[at.DATA_QPOS])[0]), mem.ANY_SIZE)
+    qvel = carray(mem.doubles(mem.longs(data + o[at.DATA_QVEL])[0]), mem.ANY_SIZE)
+    passive = carray(mem.doubles(mem.longs(data + o[at.DATA_PASSIVE])[0]), mem.ANY_SIZE)
     memory_at = mem.longs(data + o[at.DATA_USERDATA])[0]
-    head = carray(mem.doubles(memory_at), mem.HEAD)
+    head = carray(mem.doubles(memory_at), mem.HEAD_SIZE)
     now = mem.doubles(data + o[at.DATA_TIME])[0]
     joints = carray(mem.longs(table[mem.JOINTS]), (n, 2))
     row = int(head[mem.ROW])
@@ -266,15 +265,15 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     forces = carray(mem.longs(table[mem.FORCES]), (table[mem.FORCE_COUNT], 2))
     horizon = carray(mem.longs(table[mem.HORIZON]), (table[mem.HORIZON_COUNT], 2))
     impact = carray(mem.longs(table[mem.IMPACT]), (table[mem.IMPACT_COUNT], 2))
-    geoms = carray(mem.longs(table[mem.GEOMS]), (mem.ALL, 2))
+    geoms = carray(mem.longs(table[mem.GEOMS]), (mem.ANY_SIZE, 2))
     felt = carray(mem.longs(table[mem.FELT]), n)
-    holes = carray(mem.doubles(table[mem.HOLES]), (mem.ALL, 3))
-    contacts = n * (n - 1) // 2 + n * mem.RAILS
-    begin = memory_at + 8 * mem.HEAD
+    holes = carray(mem.doubles(table[mem.HOLES]), (mem.ANY_SIZE, 3))
+    contacts = n * (n - 1) // 2 + n * mem.RAIL_COUNT
+    begin = memory_at + 8 * mem.HEAD_SIZE
     balls = carray(mem.doubles(begin), (n, mem.BALL_MEMORY))
     begin += 8 * n * mem.BALL_MEMORY
-    past = carray(mem.doubles(begin), (n, mem.PAST))
-    begin += 8 * n * mem.PAST
+    past = carray(mem.doubles(begin), (n, col.ROW_SIZE))
+    begin += 8 * n * col.ROW_SIZE
     kept = carray(mem.doubles(begin), (contacts, mem.CONTACT_MEMORY))
     begin += 8 * contacts * mem.CONTACT_MEMORY
     b = carray(mem.doubles(begin), (n, col.COLUMN_COUNT))
@@ -285,10 +284,10 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     begin += 8 * rec.BALL_FIELDS
     hit = carray(mem.doubles(begin), rec.IMPACT_FIELDS)
     work = carray(mem.doubles(begin + 8 * rec.IMPACT_FIELDS), (3, 10))
-    coordinates, view = Coordinates(qpos, qvel, passive, joints), View(table, numbers, balls, kept, b)
+    coordinates, view = Coordinates(qpos, qvel, passive, joints), WorldView(table, numbers, balls, kept, b)
     pushes = Forces(own, forces, table[mem.SUPPORT])
     # Every ball has a mass of its own here, and masses[0] is that of the struck one.
-    laws = ShotLaws(pushes, horizon, impact, cloth, masses[0], head[mem.SESSION : mem.HEAD], head[mem.LAUNCH])
+    laws = ShotLaws(pushes, horizon, impact, cloth, masses[0], head[mem.SESSION : mem.HEAD_SIZE], head[mem.LAUNCH])
 
     # A step has passed since the last look if the time is where that was to lead; otherwise it is the same look again.
     fresh = now != head[mem.STATE_TIME]
@@ -303,13 +302,13 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     for i in range(n):
         p = joints[i, 0]
         falls = qpos[p + 2] < radius - LIFTED_M or qvel[joints[i, 1] + 2] < -FALLING_SPEED
-        falling = balls[i, mem.SUNK] == TAKEN or (balls[i, mem.SUNK] > 0.0 and falls)
+        falling = balls[i, mem.SUNK] == TAKEN_FROM_NOW or (balls[i, mem.SUNK] > 0.0 and falls)
         sinks = falling or (
             balls[i, mem.STAYS] == 0.0
             and _has_no_slate(table, numbers, holes, qpos[p], qpos[p + 1], qpos[p + 2])
         )  # fmt: skip
         if sinks and balls[i, mem.SUNK] == 0.0 and record_at != 0 and fresh:
-            note(record_at, n, now, mem.EVENT_POCKET, i, 0, b[i])
+            note(record_at, n, now, touch.POCKET, i, 0, b[i])
         balls[i, mem.SUNK] = 1.0 if sinks else 0.0
         for k in range(5):
             dv[i, k] = 0.0
@@ -320,7 +319,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
         head[mem.STATE_TIME] = now
 
     ncon, contact_at = mem.ints(data + o[at.DATA_NCON])[0], mem.longs(data + o[at.DATA_CONTACT])[0]
-    kbip = carray(mem.doubles(mem.longs(data + o[at.DATA_KBIP])[0]), (mem.ALL, 4))
+    kbip = carray(mem.doubles(mem.longs(data + o[at.DATA_KBIP])[0]), (mem.ANY_SIZE, 4))
     weights = mem.doubles(mem.longs(data + o[at.DATA_D])[0])
     before = head[mem.STEP_BEFORE]
     longest = head[mem.LONGEST] if head[mem.LONGEST] > 0.0 else numbers[mem.BASE_STEP]
@@ -366,15 +365,15 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             if line >= 0 and gap < 0.0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif before > 0.0 and _comes_from_a_mouth(table, numbers, balls[i], kept[slot(n, i, j, kind)], kind, j, gap):
-            balls[i, mem.SUNK] = TAKEN  # from the next step on: this one's slate has carried it
+            balls[i, mem.SUNK] = TAKEN_FROM_NOW  # from the next step on: this one's slate has carried it
             if fresh and record_at != 0:
-                note(record_at, n, now, mem.EVENT_POCKET, i, 0, b[i])
+                note(record_at, n, now, touch.POCKET, i, 0, b[i])
             if line >= 0:
                 set_row(kbip, line, gap, -FREE_ACCELERATION)
         elif not _is_native(table, kind):
             solver = SolverRow(kbip, weights[max(line, 0)], line)
             new = meet(kept[slot(n, i, j, kind)], meeting, laws, now_step, solver)
             if new and record_at != 0:
-                note(record_at, n, now, mem.EVENT_BALL if kind == mem.BALL else mem.EVENT_CUSHION, i, j, b[i])
+                note(record_at, n, now, touch.BALL if kind == mem.BALL else touch.CUSHION, i, j, b[i])
     for i in range(n):
         _deliver(coordinates, i, dv[i], step, masses[i], radius)

@@ -28,15 +28,15 @@ from numpy.typing import ArrayLike
 from models.errors import BadInput
 from models.mjcf.launcher import (
     CUE_SPEED_RANGE,
-    CUE_TILT,
     GEAR_RATIO,
     NAME_PREFIX,
     PINION_RADIUS_M,
     STAGE_TRAVEL_M,
     TIP_RADIUS,
-    Device,
+    CueProperties,
     attach_launcher,
 )
+from models.mjcf.stroke import BRAKING_DECELERATION, CUE_TILT, MIN_ACCELERATION, RUN_UP_M
 from models.mujoco import memory as mem
 from models.mujoco.world import memory
 from models.shot import UNKNOWN_SESSION, Array, Session
@@ -44,9 +44,6 @@ from models.shot import UNKNOWN_SESSION, Array, Session
 if TYPE_CHECKING:
     from models.mujoco.world import World
 
-RUN_UP: Final = 0.16  # over which a fast cue accelerates [m]; some 70 mm at constant speed follow
-MIN_ACCELERATION: Final = 5.0  # of a slow cue [m/s^2]
-BRAKING_DECELERATION: Final = 45.0  # after the hit [m/s^2]
 COARSE_STEP_S, FINE_STEP_S = 1e-4, 1e-5  # steps of the stroke and of the hit [s]
 LAUNCHER_STEP_S: Final = 2e-5  # longest that explicit damping of the leather allows, with room [s]
 CONTROL_STEPS: Final = 2  # coarse steps a change of the speed command
@@ -79,7 +76,7 @@ class SimulatedStroke:
 class Launcher:
     """The machine in a world, behind the first ball."""
 
-    def __init__(self, world: World, device: Device | None = None) -> None:
+    def __init__(self, world: World, device: CueProperties | None = None) -> None:
         """Add it to a world, which is compiled anew.
 
         Args:
@@ -89,7 +86,7 @@ class Launcher:
         Raises:
             BadInput: a number of the device is out of range.
         """
-        self.world, self.device, self.name = world, device or Device(), world.names[0]
+        self.world, self.device, self.name = world, device or CueProperties(), world.names[0]
         attach_launcher(world.spec, self.name, world.model.ball, self.device)
         world.spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         world.weigh(self.name)
@@ -282,7 +279,7 @@ class _Machine:
 
     def run_up(self, cue_speed: float) -> None:
         """Accelerate from rest until the tip is about to touch."""
-        start, ramp = self.data.time, min(2 * RUN_UP / cue_speed, cue_speed / MIN_ACCELERATION)  # [s]
+        start, ramp = self.data.time, min(2 * RUN_UP_M / cue_speed, cue_speed / MIN_ACCELERATION)  # [s]
         while self.gap() > self._near(cue_speed):
             part = min((self.data.time - start) / ramp, 1.0)
             self.step(cue_speed * (0.5 - 0.5 * np.cos(np.pi * part)), COARSE_STEP_S, CONTROL_STEPS)

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 SCANNED_BYTES = 1 << 19  # largest size of a struct: an mjData has some 160 kB
 CHUNK_BYTES = 4096  # bytes read at a time, so that memory far behind a struct is never touched
-MARK = 0.123456789012345e-3  # a number that occurs nowhere else
+PROBE_NUMBER = 0.123456789012345e-3  # a number that occurs nowhere else
 (
     MODEL_TIMESTEP, MODEL_NUMERIC, DATA_TIME, DATA_NCON, DATA_QPOS, DATA_QVEL, DATA_USERDATA, DATA_PASSIVE,
     DATA_CONTACT, DATA_KBIP, DATA_D, CONTACT_SIZE, CONTACT_DIST, CONTACT_FRAME, CONTACT_MARGIN, CONTACT_GEOM,
     CONTACT_ROW, DATA_SENSORDATA, OFFSETS,
 ) = range(19)  # fmt: skip
-XML = """
+PROBE_XML = """
 <mujoco><size nuserdata="3"/><custom><numeric name="mark" data="1 2"/></custom><worldbody>
 <geom type="plane" size="1 1 1"/><geom type="plane" size="1 1 1"/><site name="mark"/>
 <body name="a" pos="0 0 0.09"><freejoint/><geom size="0.1"/></body>
@@ -74,16 +74,16 @@ def offsets() -> NDArray[np.int64]:
     Raises:
         LayoutError: for a version of MuJoCo in which they are not found.
     """
-    model: Any = mujoco.MjModel.from_xml_string(XML)
+    model: Any = mujoco.MjModel.from_xml_string(PROBE_XML)
     data: Any = mujoco.MjData(model)
-    model.opt.timestep = MARK
+    model.opt.timestep = PROBE_NUMBER
     mujoco.mj_forward(model, data)
-    data.time = MARK
+    data.time = PROBE_NUMBER
     out = np.zeros(OFFSETS, np.int64)
     own, its = int(model._address), int(data._address)
-    out[MODEL_TIMESTEP] = _find(own, np.float64(MARK).tobytes(), 8)
+    out[MODEL_TIMESTEP] = _find(own, np.float64(PROBE_NUMBER).tobytes(), 8)
     out[MODEL_NUMERIC] = _pointer(own, model.numeric_data)
-    out[DATA_TIME] = _find(its, np.float64(MARK).tobytes(), 8)
+    out[DATA_TIME] = _find(its, np.float64(PROBE_NUMBER).tobytes(), 8)
     contact = data.contact
     for name, array in (
         (DATA_QPOS, data.qpos), (DATA_QVEL, data.qvel), (DATA_USERDATA, data.userdata),

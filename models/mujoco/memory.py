@@ -16,7 +16,7 @@ from models import record as rec
 from models.engine import columns as col
 from models.shot import SESSION_FIELDS
 
-ALL: Final = 1 << 30  # size of an array whose real size is not needed
+ANY_SIZE: Final = 1 << 30  # size of an array whose real size is not needed
 
 # The table of a world.
 (
@@ -29,49 +29,47 @@ RADIUS, BASE_STEP, HALF_X, HALF_Y, CORNER_MOUTH, MIDDLE_MOUTH, NET_DEPTH, NUMBER
 # Of a geom: the number of its ball, or -1 - kind; then the number of the rail, or 4 + that of the jaw. A post is an
 # upright cylinder. BALL is the kind of a contact between two balls.
 BALL, SLATE, NOSE, POST, TOOL = -1, 0, 1, 2, 3
-RAILS: Final = 4
+RAIL_COUNT: Final = 4
 
 # The memory of a simulation begins with: the row of its parameters, the address of what records it, or 0, the time and
 # step of its last look, the step before that, its longest step, or 0 for that of the world, when the strike was, its
 # speed, and the shot's session.
 ROW, RECORD, STATE_TIME, STEP, STEP_BEFORE, LONGEST, STRUCK_AT, LAUNCH, SESSION = range(9)
-HEAD: Final = SESSION + SESSION_FIELDS
+HEAD_SIZE: Final = SESSION + SESSION_FIELDS
 # Of each ball: angles rolled and turned, by how much more after this step, whether it has no slate below it, whether no
 # pocket takes it.
 ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
 # Of each contact: of a rail, what part of it touches, 1 + its number; largest approach speed [m/s], overlap that is
 # nobody's work and largest depth [m], restitution, stiffness over the usual; share of a push that the slate does not
-# return, the speed [m/s] and way [m] down that this stands for; compliance and stretches [m] along the face; friction,
+# return, the speed [m/s] and way [m] down that this stands for; compliance and extensions [m] along the face; friction,
 # nose.
 (
     PART, PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
     DECAY, SINE, CONTACT_MEMORY,
 ) = range(17)  # fmt: skip
-PAST: Final = 8  # numbers of each ball at the last step: place, velocity, spin, angle turned
-WORK: Final = 3 * 10
+WORK_SIZE: Final = 3 * 10
 
-# A record: how many samples and events there is room for, how many there are; then times, samples, events.
+# A record: how many samples and events there is room for, how many there are; then times, samples, events of the kinds
+# of models/engine/touch.py.
 TIME_COUNT, NEXT_TIME, EVENT_ROOM, EVENT_COUNT, RECORD_HEAD = range(5)
-SAMPLE: Final = 8  # x, y, vx, vy, wx, wy, wz, angle turned
-EVENT: Final = 6  # time, kind, ball, other, place of the ball
-EVENT_BALL, EVENT_CUSHION, EVENT_POCKET = 0, 1, 2  # in the order of models/engine/play.py
+EVENT_SIZE: Final = 6  # time, kind, ball, other, place of the ball
 
 
 def contact_count(balls: int) -> int:
     """Number of remembered contacts: of each two balls, of each ball with each rail and its continuation."""
-    return balls * (balls - 1) // 2 + balls * RAILS
+    return balls * (balls - 1) // 2 + balls * RAIL_COUNT
 
 
 def memory_size(balls: int) -> int:
     """Size of the memory of a simulation, with work space."""
-    each = BALL_MEMORY + PAST + col.COLUMN_COUNT + 5
-    work = rec.BALL_FIELDS + rec.IMPACT_FIELDS + WORK
-    return HEAD + balls * each + contact_count(balls) * CONTACT_MEMORY + work
+    each = BALL_MEMORY + col.ROW_SIZE + col.COLUMN_COUNT + 5
+    work = rec.BALL_FIELDS + rec.IMPACT_FIELDS + WORK_SIZE
+    return HEAD_SIZE + balls * each + contact_count(balls) * CONTACT_MEMORY + work
 
 
 def record_size(times: int, balls: int, events: int) -> int:
     """Size of a record."""
-    return RECORD_HEAD + times * (1 + balls * SAMPLE) + events * EVENT
+    return RECORD_HEAD + times * (1 + balls * col.ROW_SIZE) + events * EVENT_SIZE
 
 
 @intrinsic

@@ -14,10 +14,13 @@ import mujoco.batch
 import numpy as np
 
 from models.analytic.pocket import rail_of
+from models.effect import STILL
+from models.engine import columns as col
+from models.engine import touch
 from models.engine.impacts import strike_rows
 from models.engine.play import EVENT_KINDS
 from models.mujoco import memory as mem
-from models.mujoco.world import STILL, World, memory
+from models.mujoco.world import World, memory
 from models.shot import Array, Event, Shot, Track
 
 if TYPE_CHECKING:
@@ -112,7 +115,7 @@ def _played(world: World, model: Model, shots: Sequence[Shot], threads: int, jaw
         for k, shot in enumerate(shots):
             kept[k] = memory(k, 0.0, float(launch[k]), shot.session, kept.shape[1])
             kept[k, mem.RECORD] = float(records[k].ctypes.data)
-            balls = kept[k, mem.HEAD : mem.HEAD + n * mem.BALL_MEMORY].reshape(n, mem.BALL_MEMORY)
+            balls = kept[k, mem.HEAD_SIZE : mem.HEAD_SIZE + n * mem.BALL_MEMORY].reshape(n, mem.BALL_MEMORY)
             balls[:, mem.STAYS] = [name in shot.staying for name in shot.names]
         _step(batch, records, qpos, qvel, kept)
         most = max((int(r[mem.EVENT_COUNT]) for r in records), default=0)
@@ -150,7 +153,7 @@ def _step(batch: Any, records: Sequence[Array], qpos: Array, qvel: Array, kept: 
 def _fill(record: Array, qpos: Array) -> None:
     """Record balls at rest in their places at all remaining times."""
     count, done = int(record[mem.TIME_COUNT]), int(record[mem.NEXT_TIME])
-    samples = record[mem.RECORD_HEAD + count :][: count * len(qpos) * mem.SAMPLE].reshape(count, -1, mem.SAMPLE)
+    samples = record[mem.RECORD_HEAD + count :][: count * len(qpos) * col.ROW_SIZE].reshape(count, -1, col.ROW_SIZE)
     samples[done:, :, :2], samples[done:, :, 2:7] = qpos[:, :2], 0.0
     samples[done:, :, 7] = samples[done - 1, :, 7] if done else 0.0
     samples[done:, qpos[:, 2] < 0] = np.nan
@@ -160,16 +163,18 @@ def _fill(record: Array, qpos: Array) -> None:
 def _track(shot: Shot, record: Array, n: int, room: int) -> Track:
     count = len(shot.times)
     begin = mem.RECORD_HEAD + count
-    end = begin + count * n * mem.SAMPLE
-    data = record[begin:end].reshape(count, n, mem.SAMPLE).copy()
+    end = begin + count * n * col.ROW_SIZE
+    data = record[begin:end].reshape(count, n, col.ROW_SIZE).copy()
     happened = []
-    for when, kind, i, other, x, y in record[end:].reshape(room, mem.EVENT)[: int(record[mem.EVENT_COUNT])].tolist():
+    for when, kind, i, other, x, y in (
+        record[end:].reshape(room, mem.EVENT_SIZE)[: int(record[mem.EVENT_COUNT])].tolist()
+    ):
         if when > shot.times[-1]:
             break
         first, name = shot.names[int(i)], EVENT_KINDS[int(kind)]
-        if kind == mem.EVENT_BALL:
+        if kind == touch.BALL:
             happened.append(Event(when, name, (first, shot.names[int(other)]), "", None))
-        elif kind == mem.EVENT_CUSHION:
+        elif kind == touch.CUSHION:
             happened.append(Event(when, name, (first,), rail_of(int(other)), None))
         else:
             happened.append(Event(when, name, (first,), "", (x, y)))

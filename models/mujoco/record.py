@@ -21,7 +21,7 @@ def note(record_at, n, now, kind, i, other, b):  # type: ignore[no-untyped-def]
     number, times = int(record[mem.EVENT_COUNT]), int(record[mem.TIME_COUNT])
     record[mem.EVENT_COUNT] = number + 1.0
     if number < int(record[mem.EVENT_ROOM]):
-        o = mem.RECORD_HEAD + times * (1 + n * mem.SAMPLE) + number * mem.EVENT
+        o = mem.RECORD_HEAD + times * (1 + n * col.ROW_SIZE) + number * mem.EVENT_SIZE
         record[o], record[o + 1], record[o + 2], record[o + 3] = now, float(kind), float(i), float(other)
         record[o + 4], record[o + 5] = b[col.X], b[col.Y]
 
@@ -38,7 +38,7 @@ def look_back(record_at, now, then, before, b, past, balls):  # type: ignore[no-
         g = (f - 0.5) * step / (0.5 * (step + before)) if step > 0.0 else 0.0
         for i in range(n):
             out = carray(
-                mem.doubles(record_at + 8 * (mem.RECORD_HEAD + count + (number * n + i) * mem.SAMPLE)), mem.SAMPLE
+                mem.doubles(record_at + 8 * (mem.RECORD_HEAD + count + (number * n + i) * col.ROW_SIZE)), col.ROW_SIZE
             )
             if balls[i, mem.SUNK] > 0.0:
                 out[:] = np.nan

@@ -17,6 +17,7 @@ from functools import cache
 from pathlib import Path
 
 from models.mjcf.gl import choose_backend
+from models.mjcf.stroke import BRAKING_DECELERATION, CUE_TILT, RUN_UP_M
 
 if __name__ == "__main__":
     choose_backend(render="--picture" in " ".join(sys.argv))  # before MuJoCo is imported
@@ -30,11 +31,11 @@ from models.command_line import FILE_PATH, OUTPUT_FILE, lone_command, run
 from models.console import Status
 from models.errors import BadInput
 from models.files import write_whole
-from models.mjcf.launcher import CUE_MASS, CUE_TILT, GEAR_RATIO, NAME_PREFIX, PINION_RADIUS_M, TIP_RESTITUTION
+from models.mjcf.launcher import CUE_MASS, GEAR_RATIO, NAME_PREFIX, PINION_RADIUS_M, TIP_RESTITUTION
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.mjcf.world import add_camera
 from models.model_file import full_model
-from models.mujoco.launcher import BRAKING_DECELERATION, RUN_UP, Launcher, SimulatedStroke
+from models.mujoco.launcher import Launcher, SimulatedStroke
 from models.mujoco.world import World
 from models.shot import GRAVITY, Array
 
@@ -134,7 +135,7 @@ def closed_form(launcher: Launcher, cue_speed: float) -> dict[str, float]:
     rack = model.body(f"{NAME_PREFIX}rack").mass[0]
     cue = sum(model.body(f"{NAME_PREFIX}{name}").mass[0] for name in ("cue", "shaft end", "tip"))
     wheel, rotor = model.body(f"{NAME_PREFIX}pinion").inertia.max(), model.body(f"{NAME_PREFIX}motor").inertia.max()
-    acceleration = np.pi / 4 * cue_speed**2 / RUN_UP
+    acceleration = np.pi / 4 * cue_speed**2 / RUN_UP_M
     force = (rack + cue) * (acceleration - GRAVITY * np.sin(CUE_TILT)) + BEARING_FRICTION
     torque = (
         force + wheel * acceleration / PINION_RADIUS_M**2

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.mjcf.launcher import Device
+from models.mjcf.launcher import CueProperties
 from models.mujoco.launcher import Launcher, SimulatedStroke
 from models.mujoco.play import play
 from models.mujoco.world import World
@@ -24,7 +24,7 @@ from models.shot import Array, Shot, Track
 if TYPE_CHECKING:
     from models.model_file import Model
 
-SQUIRT = "squirt"  # name and slot of effects that turn a stroke's direction
+SQUIRT_SLOT = "squirt"  # name and slot of effects that turn a stroke's direction
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class TipStroke:
 
 def without_squirt(model: Model) -> Model:
     """The model without effects that turn a stroke's direction: the tip makes it."""
-    return dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT not in (e.name(), e.slot)))
+    return dataclasses.replace(model, effects=tuple(e for e in model.effects if SQUIRT_SLOT not in (e.name(), e.slot)))
 
 
 def play_struck(
     model: Model, places: Mapping[str, ArrayLike], strokes: Sequence[TipStroke], times: Sequence[Array], *,
-    device: Device | None = None, jaws: bool = False, threads: int = 0,
+    device: CueProperties | None = None, jaws: bool = False, threads: int = 0,
 ) -> tuple[list[Track], list[SimulatedStroke]]:  # fmt: skip
     """Tracks of strokes from the same places, and the strokes themselves.
 

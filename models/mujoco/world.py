@@ -28,14 +28,24 @@ from numpy.typing import ArrayLike
 from models import record as rec
 from models.analytic.spring import NOSE_RADIUS
 from models.compiled import callback
+from models.effect import STILL
 from models.engine.impacts import ask_neighbours, strike_rows
 from models.engine.play import lay_out
 from models.errors import BadInput
 from models.mjcf.world import build_spec
 from models.mujoco import layout
 from models.mujoco import memory as mem
-from models.mujoco.forces import FASTEST, SUPPORT_MARGIN_M, act
-from models.shot import NOSE_COSINE, NOSE_SINE, RAIL_NAMES, SESSION_FIELDS, UNKNOWN_SESSION, Array, Session
+from models.mujoco.forces import SUPPORT_MARGIN_M, act
+from models.shot import (
+    MAX_SPEED_M_S,
+    NOSE_COSINE,
+    NOSE_SINE,
+    RAIL_NAMES,
+    SESSION_FIELDS,
+    UNKNOWN_SESSION,
+    Array,
+    Session,
+)
 
 if TYPE_CHECKING:
     from models.analytic.pocket import Pockets
@@ -44,15 +54,16 @@ if TYPE_CHECKING:
 
 STEP_S: Final = 1e-3  # longest step unless stated otherwise [s]
 NET_DEPTH_M: Final = 1.0  # depth below the slate of balls out of play: under the floor of a furnished table [m]
-STILL: Final = 1e-6  # speed [m/s] and spin [rad/s] below which there is none: rounding, and effects of a stiff slate
 SLEEP_SPEED: Final = 1e-8  # speed below which MuJoCo lets a ball sleep [m/s]
 WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
-SUPPORT: Final = "support"  # geom that carries balls, where there is slate
+SLATE_GEOM: Final = "support"  # geom that carries balls, where there is slate
 LOAD, NOT_REDUCED = "load ", 0  # beginning of a sensor's name; "not reduced" for MuJoCo's contact sensors
 POST_HALF_HEIGHT_M: Final = 0.05  # half height of the cylinder that represents the arc of a jaw [m]
 LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # impedance of contacts whose force the callback computes, of the slate
 SLATE_TIME_S: Final = 0.004  # time in which the slate lifts a body that has sunk into it [s]
-PROCESS: Final = secrets.randbits(50) + 1.0  # random number of this process: addresses are invalid in another one
+PROCESS_NUMBER: Final = (
+    secrets.randbits(50) + 1.0
+)  # random number of this process: addresses are invalid in another one
 BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # band of marked balls: colour, half its width over the radius
 _kept: dict[int, Any] = {}  # what compiled code points to, by address: models may outlive their World
 
@@ -69,7 +80,7 @@ def _install() -> None:
     compiled anew.
     """
     offsets = layout.offsets()
-    where, numeric, process = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), PROCESS
+    where, numeric, process = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), PROCESS_NUMBER
     doubles, longs = mem.doubles, mem.longs
     kept = callback(_act, types.void(*[types.int64] * 4))
     go = ctypes.CFUNCTYPE(None, *[ctypes.c_longlong] * 4)(kept.address)
@@ -131,15 +142,15 @@ class World:
                 spec.delete(geom)
         for pair in list(spec.pairs):
             spec.delete(pair)
-        spec.worldbody.add_geom(name=SUPPORT, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4)
+        spec.worldbody.add_geom(name=SLATE_GEOM, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4)
         self._noses = noses = _add_noses(spec, table.length / 2, table.width / 2, ball.radius, pockets)
         soft = [LOW_IMPEDANCE, LOW_IMPEDANCE, 0.001, 0.5, 2.0]
         for number, name in enumerate(self.names):
             one = f"ball {name}"
             geom = spec.geom(one)
             geom.contype = geom.conaffinity = 2  # for what a user adds with these bits
-            geom.gap = FASTEST * timestep
-            self._pair(spec, "ball_bed", one, SUPPORT, [HIGH_IMPEDANCE, HIGH_IMPEDANCE, 0.001, 0.5, 2.0])
+            geom.gap = MAX_SPEED_M_S * timestep  # MuJoCo reports contacts possible within a step
+            self._pair(spec, "ball_bed", one, SLATE_GEOM, [HIGH_IMPEDANCE, HIGH_IMPEDANCE, 0.001, 0.5, 2.0])
             for other in self.names[number + 1 :]:
                 self._pair(spec, "ball_ball", one, f"ball {other}", soft)
             for nose, _, _ in noses:
@@ -161,7 +172,7 @@ class World:
         if kind == "ball_bed":
             pair.margin = SUPPORT_MARGIN_M
         else:
-            pair.gap = FASTEST * spec.option.timestep
+            pair.gap = MAX_SPEED_M_S * spec.option.timestep
 
     def _masses(self) -> Array:
         """Masses of the balls with the effects of impacts: (rows, n) [kg]."""
@@ -195,7 +206,7 @@ class World:
         geoms = np.full((compiled_model.ngeom, 2), -1 - mem.TOOL, np.int64)
         for number, name in enumerate(self.names):
             geoms[compiled_model.geom(f"ball {name}").id] = number, 0
-        geoms[compiled_model.geom(SUPPORT).id] = -1 - mem.SLATE, 0
+        geoms[compiled_model.geom(SLATE_GEOM).id] = -1 - mem.SLATE, 0
         for name, kind, rail in self._noses:
             geoms[compiled_model.geom(name).id] = -1 - kind, rail
         jaws = bool(len(pockets.jaws))
@@ -223,7 +234,7 @@ class World:
             table[key] = count
         _kept[table.ctypes.data] = arrays, table
         _install()
-        compiled_model.numeric_data[:2] = PROCESS, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
+        compiled_model.numeric_data[:2] = PROCESS_NUMBER, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
 
     def _felt(self) -> Any:
         """Indices in `sensordata` of the sensors of the slate's load, -1 for balls without: (n,)."""
@@ -238,7 +249,7 @@ class World:
         """
         self.spec.add_sensor(
             name=LOAD + name, type=mujoco.mjtSensor.mjSENS_CONTACT, objtype=mujoco.mjtObj.mjOBJ_GEOM,
-            objname=f"ball {name}", reftype=mujoco.mjtObj.mjOBJ_GEOM, refname=SUPPORT,
+            objname=f"ball {name}", reftype=mujoco.mjtObj.mjOBJ_GEOM, refname=SLATE_GEOM,
             intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), NOT_REDUCED, 1],
         )  # fmt: skip
 
@@ -328,7 +339,7 @@ def memory(row: int, struck_at: float, launch: float, session: Session, size: in
     """The memory of a simulation at a strike: (size,)."""
     kept = np.zeros(size)
     kept[mem.ROW], kept[mem.STATE_TIME], kept[mem.STRUCK_AT], kept[mem.LAUNCH] = row, np.nan, struck_at, launch
-    kept[mem.SESSION : mem.HEAD] = session.row
+    kept[mem.SESSION : mem.HEAD_SIZE] = session.row
     return kept
 
 

@@ -24,7 +24,7 @@ CAMPAIGN_APPLICATION = "cuelab_campaign"
 MEASURED_COLOUR: Colour = (255, 255, 255)
 MISS_COLOUR: Colour = (255, 159, 28)
 MISCUE_COLOUR: Colour = (255, 122, 217)
-MM = 1e3
+MM_PER_M = 1e3
 CAMPAIGN_GUIDE = """
 * **The ball from behind**: dots are where the cue's axis met it, of all strokes; the ring is this stroke.
 * **White points**: measured. **Cyan points**: predicted by the cueing map. **Orange**: measured - predicted.
@@ -73,11 +73,11 @@ def _draw_ball(out: Out, strokes: Strokes, ball: Ball) -> None:
     """The ball [mm], where all strokes met it, and where this one does; up is +y', which is down in a picture."""
     rr, flip = out.rr, np.array([1.0, -1.0])
     turn = np.linspace(0.0, 2 * math.pi, 97)
-    circle = MM * ball.radius * np.column_stack([np.cos(turn), np.sin(turn)])
-    bars = [MM * ball.radius * np.array(bar) for bar in ([[-1, 0], [1, 0]], [[0, -1], [0, 1]])]
+    circle = MM_PER_M * ball.radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    bars = [MM_PER_M * ball.radius * np.array(bar) for bar in ([[-1, 0], [1, 0]], [[0, -1], [0, 1]])]
     out.fixed("face/ball", rr.LineStrips2D([circle, *bars], colors=(120, 120, 120), radii=-1.0))
     colours = [MISCUE_COLOUR if bad else MEASURED_COLOUR for bad in strokes.miscue]
-    places = MM * strokes.place * flip
+    places = MM_PER_M * strokes.place * flip
     out.fixed("face/strokes", rr.Points2D(places, colors=colours, radii=-2.0))
     style = {"colors": MODEL_COLOUR, "half_sizes": [[0.7, 0.7]], "line_radii": -2.0, "draw_order": 10.0}
     out.fixed("face/this", rr.Ellipses2D.from_fields(**style))
@@ -113,7 +113,7 @@ def _describe(out: Out, strokes: Strokes, title: str, words: str) -> None:
 def _page(strokes: Strokes, k: int) -> str:
     """One stroke in words, Markdown."""
     (x, y), (speed, squirt), (speed_by_map, squirt_by_map) = (
-        values[k].tolist() for values in (MM * strokes.place, strokes.measured, strokes.predicted)
+        values[k].tolist() for values in (MM_PER_M * strokes.place, strokes.measured, strokes.predicted)
     )
     rows = [
         ("ball speed [m/s]", f"{speed:.3f}", f"{speed_by_map:.3f}"),
@@ -130,7 +130,7 @@ def _blueprint(ball: Ball, number: Array) -> Any:
     """The ball and words on the left, figures on the right, of all strokes by their number."""
     import rerun.blueprint as rrb
 
-    r = 1.1 * MM * ball.radius
+    r = 1.1 * MM_PER_M * ball.radius
     bounds = rrb.VisualBounds2D(x_range=[-r, r], y_range=[-r, r])
     face = rrb.Spatial2DView(
         origin="face", name="The ball from behind [mm]", visual_bounds=bounds, background=FLOOR_COLOUR

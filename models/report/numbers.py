@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 NO_VALUE = "–"
+SDS_OF_95_PERCENT = 1.96  # half width of a 95 % interval, in standard deviations
 
 
 def number(value: float | None) -> str:

@@ -31,7 +31,7 @@ from models.shot import Ball
 from planner.launcher.execution import Execution
 
 Array = NDArray[np.float64]
-FORMAT = "billiard-cueing-map/1"
+MAP_FORMAT = "billiard-cueing-map/1"
 INVERSE_ITERATIONS = 12  # each reduces the error to a tenth
 USUAL_GAIN = 1.3  # ball speed over cue speed of a central stroke, the start of the inverse
 
@@ -110,7 +110,7 @@ def write_map(path: Path | str, cueing_map: CueingMap) -> None:
     """Write the map's TOML file, completely or not at all."""
     m, g = cueing_map, cueing_map.geometry
     data = {
-        "format": FORMAT,
+        "format": MAP_FORMAT,
         "ball": {"diameter": g.ball.diameter, "mass": g.ball.mass},
         "cue": {"tip_radius": g.tip_radius, "elevation": g.elevation},
         "constants": dataclasses.asdict(m.constants),
@@ -168,7 +168,7 @@ class CueingMapFile:
 
 def read_map(path: Path | str) -> CueingMap:
     """Read a map file; BadInput names its faults."""
-    file = read_toml(path, CueingMapFile, FORMAT, "name a cueing map")
+    file = read_toml(path, CueingMapFile, MAP_FORMAT, "name a cueing map")
     unknown = np.full((len(CONSTANT_NAMES), len(CONSTANT_NAMES)), math.nan)
     return CueingMap(
         file.constants, Geometry(file.ball, **vars(file.cue)),

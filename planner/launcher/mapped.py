@@ -25,7 +25,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry
 from models.errors import BadInput
-from models.mjcf.launcher import Device
+from models.mjcf.launcher import CueProperties
 from models.model_file import Model
 from models.shot import Ball
 from planner.launcher.cueing_map import USUAL_GAIN, CueingMap
@@ -108,10 +108,10 @@ class MappedLauncher(LauncherModel):
         return self.plan_entries(q, cue_speed, x, y, squirt)
 
     @property
-    def device(self) -> Device:
+    def device(self) -> CueProperties:
         """The properties of cue and tip."""
         known = self.cueing_map.constants
-        return Device(known.cue_mass, known.end_mass, known.tip_restitution)
+        return CueProperties(known.cue_mass, known.end_mass, known.tip_restitution)
 
     def tip_strokes(self, q: Array) -> Array:
         """Cue motion for strokes (n, 4): cue speed [m/s], azimuth [rad], side and height of its axis [m]."""

@@ -4,8 +4,9 @@ In: strokes q = (speed, azimuth, side, height): horizontal ball speed [m/s], aim
 (n, 4). Out: the cue ball's velocity and spin, the launcher's command, and the strokes that it can play.
 
 The ball starts with velocity v along the aim and spin omega = 5 v / (2 R^2) (swerve along the aim, height to the left
-of it, side upwards). The swerve is side sin(el), as in the cue commands of clips (sysid/estimation/start_values.py),
-where a cueing map does not say more. A fitted squirt effect then acts on this in the model.
+of it, side upwards). The swerve is side sin(el), as in the cue commands of clips
+(sysid/estimation/states/start_values.py), where a cueing map does not say more. A fitted squirt effect then acts on
+this in the model.
 
 The axis of the cue lies (R + r_t) / R farther out than the contact; the cue's speed is V_C = v (1 + M / M_C + 5/2
 rho^2) / ((1 + e) cos(el)); the speed string NNN commands V_C = 2.75 - 0.012312 (NNN - 1) m/s, the line through the

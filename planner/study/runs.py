@@ -35,7 +35,7 @@ from planner.search.search import playable, search
 from planner.study.draws import PLACE_DECIMALS, Stream, Study, draw_scene, draw_truth
 
 Array = NDArray[np.float64]
-FORMAT = "billiard-study-scene/1"
+STUDY_SCENE_FORMAT = "billiard-study-scene/1"
 CEILING_SAMPLES = 64  # samples that order the ceiling's strokes, before their final evaluation
 TRACK_PERIOD_S = 0.04  # time between points of a track
 
@@ -43,7 +43,7 @@ TRACK_PERIOD_S = 0.04  # time between points of a track
 def study_scene(study: Study, number: int) -> dict[str, Any]:
     """Draw, plan and evaluate one scene; an unexpected exception becomes its "error", and the scene does not count."""
     began = time.perf_counter()
-    result: dict[str, Any] = {"format": FORMAT, "number": number}
+    result: dict[str, Any] = {"format": STUDY_SCENE_FORMAT, "number": number}
     try:
         scene, tries = draw_scene(study, number)
         result |= {"scene": scene_dict(scene), "tries": tries} | _SceneStudy(study, number, scene).results()

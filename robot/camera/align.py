@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.errors import BadInput
+from models.mjcf.stroke import CUE_TILT
 from models.shot import Array
 from sysid.vision import Camera, CueLine, Picture, angle_between, cue_direction
 
-CUE_ELEVATION = math.radians(6.5)  # of the launcher's cue [rad] (Robotic Billiards 2015)
 ALIGNED_TOLERANCE = math.radians(0.1)  # of the azimuth, within which a stand is aligned [rad]
 AVERAGED_PICTURES, ALIGNED_PICTURES = 5, 5  # averaged; that must be aligned in succession
 MOVED_ANGLE = math.radians(0.05)  # between pictures, from which the stand has been turned [rad]
@@ -49,7 +49,7 @@ def turn_for(line: CueLine, wanted: float, tolerance: float = ALIGNED_TOLERANCE)
 
 def align(
     frames: Iterable[Picture], camera: Camera, wanted: float, ball_xy: Array | None = None, *,
-    elevation: float = CUE_ELEVATION, tolerance: float = ALIGNED_TOLERANCE, say: Callable[[str], None] = print,
+    elevation: float = CUE_TILT, tolerance: float = ALIGNED_TOLERANCE, say: Callable[[str], None] = print,
 ) -> CueLine:  # fmt: skip
     """Show how to turn the stand, until ALIGNED_PICTURES successive pictures are aligned or no more come.
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.analytic.cloth import state_at
-from models.mjcf.launcher import Device
+from models.mjcf.launcher import CueProperties
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.mujoco.launcher import Launcher, SimulatedStroke
@@ -66,7 +66,7 @@ def hidden_launcher(hidden: Hidden) -> Launcher:
     """The launcher at the table with these constants, aimed along x at the ball on its spot."""
     cloth = {"decoupled_cloth.slide": hidden.friction}
     world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL).with_values(cloth), (BALL_NAME,))
-    device = Device(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution, hidden.tip_friction)
+    device = CueProperties(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution, hidden.tip_friction)
     launcher = Launcher(world, device)
     launcher.aim(world.place({BALL_NAME: BALL_SPOT}), 0.0)
     return launcher

@@ -32,6 +32,7 @@ from robot.device.port import PORT_ERRORS, READ_SLICE_S, Port, PortHeld
 from robot.device.protocol import (
     BEAT_BODY,
     BEAT_S,
+    MAX_FRAME_BYTES,
     STOP_BYTE,
     UNSOLICITED_SEQUENCE,
     LauncherStopped,
@@ -47,7 +48,6 @@ from robot.device.settings import Clock, RealClock, Timing
 from robot.device.signals import StopOnSignals
 
 QUIET_BEFORE_RETRY_S = 0.02  # silence before a line is sent again [s], so that the rest of the last reply has passed
-MAX_REPLY_BYTES = 96  # longest reply
 MAX_STOP_TRIES, STOP_WAIT_S = 10, 0.06  # most stop bytes until one is answered; wait after each
 
 
@@ -200,7 +200,7 @@ class Link:
         while sent < MAX_STOP_TRIES and self._notices == seen:
             self.halt()
             sent += 1
-            until = self.clock.now() + STOP_WAIT_S + MAX_REPLY_BYTES * self._byte_s
+            until = self.clock.now() + STOP_WAIT_S + MAX_FRAME_BYTES * self._byte_s
             if self._turn.acquire(timeout=STOP_WAIT_S):  # the reading thread releases it as soon as it wakes
                 try:
                     if self._port is None:
@@ -234,7 +234,7 @@ class Link:
     def _exchange(self, sequence: int, body: str, through_stop: bool) -> Reply:
         line = frame(":", sequence, body)
         began = self.clock.now()
-        patience = self.timing.reply_s + (len(line) + MAX_REPLY_BYTES) * self._byte_s
+        patience = self.timing.reply_s + (len(line) + MAX_FRAME_BYTES) * self._byte_s
         self.exchanges += 1
         silent = 0
         for attempt in range(self.timing.retries + 1):

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.mjcf.stroke import BRAKING_DECELERATION, CUE_TILT
 from robot.device import protocol
 from robot.device.protocol import (
     BEAT_BODY,
@@ -37,7 +38,7 @@ from robot.device.protocol import (
     Message,
 )
 from robot.emulator import stage
-from robot.emulator.stroke_motion import BALL_DISTANCE_M, BRAKING_DECELERATION, LEVEL_END_M, StrokeMotion, paper_law
+from robot.emulator.stroke_motion import BALL_DISTANCE_M, LEVEL_END_M, StrokeMotion, paper_law
 
 SPEED_RIPPLE, TOOTH_PITCH_M = 0.01, 0.002 * math.pi  # ripple over the speed [1]; pitch of a module 2 rack [m]; C
 SPEED_SCATTER = 0.0125  # sd from stroke to stroke over the speed [1]; from +-50 mm by emulator/repeatability.py, B
@@ -46,7 +47,6 @@ ENCODER_SPEED_SD = 0.001  # sd of the measured speed over it [1]: 5.9 micrometre
 RETRACT_SPEED = 0.25  # [m/s]; C
 FORCE_PER_SPEED = 313.0  # peak force on the tip over the cue speed [N s/m]: 860 N at 2.75 m/s in launcher.md; B
 MAX_SENSOR_FORCE, SENSOR_SD = 440.0, 0.03  # FlexiForce A201-100: 100 lb, 3 %, from memory of its sheet; C
-CUE_TILT = math.radians(6.5)  # inclination of the cue (Robotic Billiards 2015), A
 ARMED_TIMEOUT_S = 5.0  # time until an unused arming lapses
 ARGUMENT_COUNTS = {
     "VERSION": 0,

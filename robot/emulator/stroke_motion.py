@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from models.mjcf.stroke import MIN_ACCELERATION, RUN_UP_M
 from robot.device.protocol import FIRST_STRING, LAST_STRING
 
-RUN_UP_M, MIN_ACCELERATION = 0.160, 5.0  # [m], [m/s^2]; as in models/mjcf/launcher.md, C
 BALL_DISTANCE_M = 0.190  # from the retracted tip to the ball [m]; inside the level stroke, C
-LEVEL_END_M = 0.230  # where braking begins [m]; run-up and 70 mm as models/mjcf/launcher.md, C
-BRAKING_DECELERATION = 45.0  # [m/s^2]; as models/mjcf/launcher.md, C
+LEVEL_END_M = RUN_UP_M + 0.070  # where braking begins [m]; C
 
 
 def paper_law(string: int) -> float:

@@ -23,11 +23,12 @@ import numpy as np
 
 from models.analytic.cue_impulse import Constants
 from models.errors import BadInput
-from models.mjcf.launcher import Device
+from models.mjcf.launcher import CueProperties
 from models.model_file import Model
 from models.mujoco.launcher import SimulatedStroke
 from models.mujoco.struck import TipStroke, play_struck, without_squirt
 from models.shot import GRAVITY, Array, Track
+from robot.cueing.striker import CAMERA_FPS
 from robot.device.launcher import Launcher
 from robot.device.link import Link
 from robot.device.settings import Settings
@@ -36,7 +37,6 @@ from robot.emulator.firmware import Firmware
 from robot.emulator.line import Line, VirtualClock, WirePort
 from sysid.clips import Observation
 
-CAMERA_FPS = 180.0  # of the camera [1/s] (Robotic Billiards 2015)
 PLACE_SIGMA_M = 5e-4  # noise of an observed position, each axis
 YAW_SETTING_SD = 1e-3  # error of a yaw set by hand with the camera [rad]; planner/launcher/execution.py
 AVERAGED_FRAMES = 25  # frames averaged in a look at resting balls
@@ -88,7 +88,7 @@ class EmulatedTable:
         self.options = options or EmulatedOptions()
         self.table, self.ball, self.fps, self.sigma = model.table, model.ball, self.options.fps, self.options.sigma
         hidden = self.options.constants
-        self.device = Device(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution)
+        self.device = CueProperties(hidden.cue_mass, hidden.end_mass, hidden.tip_restitution)
         self.made: SimulatedStroke | None = None  # the last stroke that met the cue ball
         self._rng = np.random.default_rng(seed)
         self._places = {name: np.array(xy, float) for name, xy in position.items()}

@@ -60,7 +60,7 @@ MAX_SCENE_DRAWS = 5  # most scenes drawn for a shot until one can be played
 MISS_LIMIT_RATIO = 1.3  # miss over the launcher's scatter below which no model reduces the miss much
 MISS_FALL_RATIO = 0.9  # miss over that of the previous block below which the miss has fallen
 MIN_BLOCKS = 3  # fewest blocks for the decision that nothing improves
-DIFFERENCES = {  # what a series was begun with, by the keys of its settings
+SETTING_DIFFERENCES = {  # what a series was begun with, by the keys of its settings
     "every": "another number of shots between refits", "seed": "another seed", "balls": "another number of balls",
     "chosen": "another number of chosen shots", "wish": "other weights of the outcomes",
     "effort": "another search effort", "model": "another start model", "map": "another cueing map",
@@ -135,7 +135,7 @@ def begin(folder: Path | str, config: LearningConfig) -> None:
         if not other and read_map(cueing_map).constants != config.cueing_map.constants:
             other = ["map"]
         if other:
-            differs = DIFFERENCES.get(other[0], f"another {other[0]}")
+            differs = SETTING_DIFFERENCES.get(other[0], f"another {other[0]}")
             raise BadInput(f"{folder}: its series was begun with {differs}; use the same, or name another folder")
         return
     begun = {model.name, cueing_map.name, "shots"}  # files of an interrupted start

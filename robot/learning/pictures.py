@@ -1,4 +1,4 @@
-"""Figures of a series of shots: misses of the cue ball, findings over time, and misses on the table.
+"""Figures of a series of shots: findings over time, misses on the table, pots. The main one is in misses.py.
 
 Shots are grouped in blocks (robot/learning/blocks.py), shown by their medians: the miss of a single shot is one sample
 of launcher and scene, and an in-off has none. The same series gives the same bytes. Left out: the quality of the fits
@@ -15,96 +15,26 @@ from typing import Any
 import numpy as np
 
 from models.errors import one_line
-from models.report.axes import TABLE_MARGIN_M, draw_table, legend_on_cloth, plain_log_ticks
+from models.report.axes import TABLE_MARGIN_M, draw_table, legend_on_cloth
 from models.report.figure import (
     FIGURE_WIDTH_IN,
     HELD_OUT_COLOUR,
-    INK_COLOUR,
     MODEL_COLOUR,
-    NARROW_WIDTH_IN,
-    NOISE_COLOUR,
     PAPER_COLOUR,
     PATH_COLOUR,
     Draw,
 )
 from models.report.numbers import number
 from models.shot import Table
-from robot.learning.blocks import block_size, blocks, changes, ends, pot_count
+from robot.learning.blocks import block_size, blocks, ends, pot_count
 from robot.learning.history import History, PlayedShot
 
 SINGLE_SHOT_COLOUR = "#9dbfe0"  # behind the medians
 LOST_SHOT_COLOUR = "#ff9f1c"  # for a cue ball that fell or was not seen
-LINE_HEIGHT_IN = 0.135  # height of a note's line above the figure
-LETTER_WIDTH_IN = 0.056  # approximate width of a letter
+
 MIN_ARROW_M = 0.08  # a shorter miss leaves no room for an arrow's head
 PANELS_ACROSS = 4  # columns of the figure of constants
 MAX_BLOCK_LABELS = 12  # most labels below the bars of pots
-
-
-def misses(story: History, narrow: bool = False) -> tuple[float, Draw]:
-    """The main figure: miss of every shot, medians of blocks, the miss predicted, the launcher's repeatability.
-
-    `narrow`: for the screen of a phone.
-    """
-    width = NARROW_WIDTH_IN if narrow else FIGURE_WIDTH_IN
-    notes, rows = _placed_notes(story, width)
-    height = 4.4 + 0.6 * narrow + LINE_HEIGHT_IN * rows
-
-    def draw(fig: Any) -> None:
-        fig.set_size_inches(width, height)
-        ax = fig.subplots()
-        shots = story.shots
-        miss = 1e3 * np.array([shot.miss for shot in shots])
-        for label, face, use in (
-            ("one shot, potted", SINGLE_SHOT_COLOUR, [bool(shot.potted) and not shot.chosen for shot in shots]),
-            ("one shot, not potted", PAPER_COLOUR, [not shot.potted and not shot.chosen for shot in shots]),
-            ("one shot, chosen for learning", NOISE_COLOUR, [shot.chosen for shot in shots]),
-        ):
-            shown = np.array(use, bool) & (miss > 0)
-            if shown.any():
-                x = np.array([shot.number for shot in shots])[shown]
-                ax.plot(x, miss[shown], "o", ms=5, mfc=face, mec=MODEL_COLOUR, mew=0.8, alpha=0.8, label=label)
-        fallen = [shot.number for shot in shots if not shot.miss > 0]
-        if fallen:
-            mark = {"transform": ax.get_xaxis_transform(), "clip_on": False, "color": INK_COLOUR, "mew": 1.3}
-            ax.plot(fallen, [0.975] * len(fallen), "x", ms=5.5, **mark, label="no miss: in a pocket, or not seen")
-        curves = (
-            ("median miss of a block", story.median_miss, {"color": MODEL_COLOUR, "lw": 2.6}),
-            ("miss that the plans predicted", story.median_spread, {"color": HELD_OUT_COLOUR, "lw": 1.6}),
-            ("launcher's repeatability (repeats)", story.floor, {"color": INK_COLOUR, "lw": 1.3, "ls": "--"}),
-        )
-        for label, of, style in curves:
-            _steps(ax, story, of, label, style)
-        seen = [
-            v for line in ax.get_lines() for v in line.get_ydata() if v > 0 and line.get_transform() == ax.transData
-        ]
-        low, high = (min(seen) / 1.6, max(seen) * 2.2) if seen else (1.0, 1e3)
-        ax.set(yscale="log", ylim=(low, high), xlim=(0.3, _last(story) + 0.7))
-        ax.set(xlabel="shot", ylabel="cue ball, from its predicted position [mm]")
-        plain_log_ticks(ax.yaxis, math.inf)
-        ax.xaxis.get_major_locator().set_params(integer=True)
-        for first, last in blocks(story):
-            value = 1e3 * story.median_miss(first, last)
-            if value > 0:
-                text = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "weight": "bold"}
-                box = {"fc": PAPER_COLOUR, "ec": "none", "pad": 0.2, "alpha": 0.65}
-                ax.annotate(number(value), ((first + last) / 2, value), **text, color=MODEL_COLOUR, bbox=box, zorder=6)
-        for refit in story.refits:
-            ax.axvline(refit.shots + 0.5, color=NOISE_COLOUR, lw=0.9, ls=":", zorder=0)
-        for at, row, side, word in notes:
-            place = {
-                "xytext": (0, 4 + 72 * LINE_HEIGHT_IN * row),
-                "textcoords": "offset points",
-                "ha": side,
-                "va": "bottom",
-            }
-            ax.annotate(word, (at, 1.0), xycoords=("data", "axes fraction"), **place, fontsize=8, parse_math=False)
-        ax.grid(axis="y")
-        ax.set_axisbelow(True)
-        if ax.get_legend_handles_labels()[1]:
-            fig.legend(loc="outside lower center", ncols=1 if narrow else 3)
-
-    return height, draw
 
 
 def constants(story: History) -> tuple[float, Draw] | None:
@@ -194,7 +124,7 @@ def pots(story: History) -> tuple[float, Draw] | None:
         away = [(shot.number, 1e3 * shot.from_wanted) for shot in story.shots if math.isfinite(shot.from_wanted)]
         if away:
             right.plot(*np.array(away).T, "o", ms=4, mfc=SINGLE_SHOT_COLOUR, mec="none", label="one shot")
-        _steps(right, story, partial(_median_away, story), "median of a block", {"color": MODEL_COLOUR, "lw": 2.4})
+        draw_steps(right, story, partial(_median_away, story), "median of a block", {"color": MODEL_COLOUR, "lw": 2.4})
         right.set(ylim=(0, None), ylabel="cue ball, from the wanted position [mm]", xlabel="shot")
         right.set_xlim(0.3, len(story.shots) + 0.7)
         right.xaxis.get_major_locator().set_params(integer=True)
@@ -218,7 +148,7 @@ def _median_away(story: History, first: int, last: int) -> float:
     return float(np.median(known)) if known else math.nan
 
 
-def _steps(ax: Any, story: History, of: Callable[[int, int], float], label: str, style: dict[str, Any]) -> None:
+def draw_steps(ax: Any, story: History, of: Callable[[int, int], float], label: str, style: dict[str, Any]) -> None:
     """Draw a horizontal line for every block, in mm."""
     for first, last in blocks(story):
         value = 1e3 * of(first, last)
@@ -227,38 +157,9 @@ def _steps(ax: Any, story: History, of: Callable[[int, int], float], label: str,
             label = ""
 
 
-def _last(story: History) -> int:
+def last_shot(story: History) -> int:
     """The last shot of the axis."""
     return max([1, len(story.shots), *(refit.shots for refit in story.refits)])
-
-
-def _placed_notes(story: History, width: float) -> tuple[list[tuple[float, int, str, str]], int]:
-    """Notes on findings of refits above a figure [inch], without overlap: x, row, side, text; and number of rows."""
-    inch = (width - 1.0) / _last(story)  # width of one shot
-    taken: list[list[tuple[float, float]]] = []
-    notes = []
-    for change in changes(story):
-        words = [f"+ {one_line(name)}" for name in change.added]
-        words += [f"− {one_line(name)}" for name in change.dropped]
-        if not words:
-            continue
-        x, wide = change.shots + 0.5, [(LETTER_WIDTH_IN * len(word) + 0.06) / inch for word in reversed(words)]
-        side = "left" if x + max(wide) < _last(story) + 0.7 else "right"
-        spans = [(x, x + w) if side == "left" else (x - w, x) for w in wide]
-        row = next(
-            r
-            for r in range(len(taken) + 1)
-            if all(
-                span[1] <= low or high <= span[0]
-                for span, held in zip(spans, taken[r : r + len(spans)], strict=False)
-                for low, high in held
-            )
-        )
-        taken += [[] for _ in range(row + len(words) - len(taken))]
-        for k, (word, span) in enumerate(zip(reversed(words), spans, strict=True)):
-            taken[row + k].append(span)
-            notes.append((x, row + k, side, word))
-    return notes, len(taken)
 
 
 def _names(story: History, kind: str) -> list[str]:

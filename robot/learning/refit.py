@@ -29,12 +29,12 @@ from robot.cueing.map_fit import fit_map
 from robot.device.protocol import string_number
 from sysid.clips import ClipSet, CueCommand
 from sysid.clips.jaws import before_jaws
-from sysid.clips.noise import position_noise
-from sysid.clips.outliers import remove_outliers
-from sysid.estimation.initial_states import fit_states
+from sysid.clips.tracker.noise import position_noise
+from sysid.clips.tracker.outliers import remove_outliers
 from sysid.estimation.problem import turn
 from sysid.estimation.shot_problem import GROWING_RATE, shot_problem
-from sysid.estimation.state_search import Optima, up_to_event
+from sysid.estimation.states.initial_states import fit_states
+from sysid.estimation.states.state_search import Optima, up_to_event
 from sysid.report.result_json import result_of
 from sysid.selection.discover import discover
 

@@ -26,7 +26,8 @@ from planner.planning import read_plan
 from planner.scene import pocket_name, scene_from
 from robot.learning.blocks import Block, blocks, changes, ends, pot_count
 from robot.learning.history import History, PlayedShot, Refit, plan_file, predicted_stop
-from robot.learning.pictures import above, constants, misses, pots
+from robot.learning.misses import misses
+from robot.learning.pictures import above, constants, pots
 from sysid.estimation.fitted import MISS_OVER_AXIS
 
 REPORT_TEMPLATE = Path(__file__).with_name("templates") / "series.html.j2"

@@ -30,7 +30,7 @@ def check(clips: Path, json_file: Path | None) -> int:
     Example: sysid check CLIPS
     """
     from sysid.clips import inspect_clip_set
-    from sysid.clips.contradictions import pocket_note, size_notes
+    from sysid.clips.consistency.contradictions import pocket_note, size_notes
     from sysid.clips.running import running_line
 
     found = inspect_clip_set(clips)

@@ -25,11 +25,11 @@ error_rate_option = click.option(
     metavar="SHARE", help="Accepted probability that an added cause is due to chance.",
 )  # fmt: skip
 JOURNAL_FILE, RESULT_FILE = "unfinished.jsonl", "result.json"
-WRITTEN = ("model.toml", RESULT_FILE, "report.html", "review.rrd")
+DISCOVERY_FILES = ("model.toml", RESULT_FILE, "report.html", "review.rrd")
 
 
 @click.command()
-@out_folder_option("Folder of results.", *WRITTEN, required=False, default="out/demo", show_default=True)
+@out_folder_option("Folder of results.", *DISCOVERY_FILES, required=False, default="out/demo", show_default=True)
 @click.pass_obj
 def demo(progress: Progress, out: Path) -> int:
     """Run the shipped example: find the effect that it hides.
@@ -93,7 +93,7 @@ def diagnose(
 
 @click.command()
 @gathered("start", Start)
-@out_folder_option("Folder of results.", JOURNAL_FILE, *WRITTEN)
+@out_folder_option("Folder of results.", JOURNAL_FILE, *DISCOVERY_FILES)
 @error_rate_option
 @effects_option(exposed=True)
 @json_option

@@ -21,7 +21,7 @@ from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
 from sysid.cli.track import track
 
 CAMERA_FILE, CAMERA_PICTURE, SHEET_FILE = "camera.toml", "camera.png", "shots.png"
-JOINED = (
+JOINED_VERBS = (
     "videos",
     "corners",
     "click",
@@ -77,7 +77,7 @@ class FilmedTable:
 @click.command()
 @click.argument("videos", metavar="VIDEO...", nargs=-1, required=True)
 @gathered("filmed", FilmedTable)
-@out_folder_option("Folder of all results.", CLIPS_FOLDER, FOUND_FOLDER, joined=JOINED)
+@out_folder_option("Folder of all results.", CLIPS_FOLDER, FOUND_FOLDER, joined=JOINED_VERBS)
 @gathered("board", BoardOptions)
 @accept_camera_option
 @click.pass_context

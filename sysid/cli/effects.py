@@ -80,7 +80,7 @@ def effects(
 
     Example: sysid effects table_tilt cloth_nap
     """
-    from models.contract import described, faults
+    from models.contract.checks import described, faults
     from models.model_file import add_folder, catalogue, effect_class
 
     own = [name for folder in effect_folders for name in add_folder(folder)]

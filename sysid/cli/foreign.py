@@ -20,6 +20,7 @@ from sysid.cli.tables import TableOptions
 
 if TYPE_CHECKING:
     from models.presets import TableSet
+    from sysid.clips.clip_set import ClipSet
     from sysid.clips.header import Header
     from sysid.foreign.convert import Imported, ShotFile, Stated
     from sysid.foreign.pixels import Pixels
@@ -93,12 +94,10 @@ def import_(
     Example: sysid import shots/*.csv --table "pool 8 ft" --out CLIPS
     """
     from models.files import write_whole
-    from sysid.clips.contradiction import is_sound
-    from sysid.clips.contradictions import contradictions
     from sysid.clips.trust import camera_doubts, tell_doubts, with_doubts
     from sysid.clips.write import write_clip_set
     from sysid.foreign.convert import import_files
-    from sysid.report.plot import tracks_png
+    from sysid.report.pictures.plot import tracks_png
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise BadInput(f"{out}: already exists; choose another folder")
@@ -131,15 +130,22 @@ def import_(
     write_whole(picture, tracks_png(clip_set, found.says[0]), parents=True)
     print(f"picture: {picture}", flush=True)
     tell_doubts(camera_file or files[0], camera_doubts(clip_set))
-    source = files[0] if header is not None else Path("FILES")
+    _tell_contradictions(clip_set, files[0] if header is not None else Path("FILES"), picture)
+    write_clip_set(clip_set, out)
+    print(f"clips: {out}, {counted(len(clip_set.clips), 'shot')} (continue with: {as_called(f'sysid check {out}')})")
+    return Status.DONE
+
+
+def _tell_contradictions(clip_set: ClipSet, source: Path, picture: Path) -> None:
+    """Warn of what tracks and entries contradict; BadInput where they do so for certain."""
+    from sysid.clips.consistency.contradiction import is_sound
+    from sysid.clips.consistency.contradictions import contradictions
+
     clips = tuple(clip for clip in clip_set.clips if is_sound(clip))
     for one in contradictions(dataclasses.replace(clip_set, clips=clips, folder=source)):
         if one.certain and not one.unless:  # with `unless`, the author of the clip set may state that it is right
             raise BadInput(f"{one.text} (nothing was written; look at {picture})")
         print(f"warning: {one.text}", file=sys.stderr, flush=True)
-    write_clip_set(clip_set, out)
-    print(f"clips: {out}, {counted(len(clip_set.clips), 'shot')} (continue with: {as_called(f'sysid check {out}')})")
-    return Status.DONE
 
 
 def _of_pooltool(files: tuple[Path, ...]) -> bool:

@@ -51,7 +51,7 @@ def measure(
     """
     from models.files import write_whole
     from models.model_file import write_model
-    from sysid.clips.clock import stamp_scale
+    from sysid.clips.tracker.clock import stamp_scale
     from sysid.direct.measure import measure as measure_clips
 
     clip_set, model = Start(clips, (model_file,) if model_file else ()).load()

@@ -30,7 +30,7 @@ def plot(progress: Progress, start: Start, wanted: str | None, out: Path) -> int
     from models.files import write_whole
     from sysid.clips.choose import chosen_clip
     from sysid.interface import compare
-    from sysid.report.plot import shot_png, tracks_png
+    from sysid.report.pictures.plot import shot_png, tracks_png
 
     clip_set, models = start.load_several()
     one = chosen_clip(clip_set, wanted, start.clips) if wanted is not None else None

@@ -7,13 +7,10 @@ In: a folder in the format `billiard-clips/1`. Out: a `ClipSet`.
     choose          one clip, as users name it
     template        a clip set to fill in
     plausibility    times increase, balls are on the table and do not overlap
-    strike          when the struck ball sets off, and whether it is the one
     trust           doubts about the camera, carried along
     running         clips that begin in mid-motion, and which balls move then
-    readings, units coordinates and times in other units, from elsewhere, along other axes
-    contradictions  what the tracks of a set contradict: diameter, table; commands (aims), times (tempo), marks
-    noise, clock    of the camera, estimated from the tracks
-    outliers        single samples that the tracker placed elsewhere
+    consistency     what the tracks of a set contradict: units and axes, sizes, commands, times, marks, the strike
+    tracker         noise and clock of the camera, and samples that the tracker placed elsewhere
     segments        motion between two impacts
     jaws            clips up to the first touch of a pocket's jaws
 """

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.files.decode import Allowed
 from models.files.texts import picked
 from models.messages import counted
-from models.sheet import frame_of
+from models.report.sheet import frame_of
 from models.shot import UNKNOWN_SESSION, Array, Ball, Session, Table
 
 

@@ -4,7 +4,7 @@ In: the `Rows` of a clip with its table, ball and camera. Out: faults, collected
 
 A ball's centre stays a radius from the cushion noses, so the limit at the nose line tolerates errors of the camera
 (scale, tilt, lens). Beyond it a ball may only be where a pocket is; a rare single sample somewhat beyond is an outlier
-of the tracker (sysid/clips/outliers.py), no fault.
+of the tracker (sysid/clips/tracker/outliers.py), no fault.
 """
 
 from __future__ import annotations

@@ -21,17 +21,17 @@ from models.files.limits import MAX_SET_BYTES, excess
 from models.files.texts import picked
 from models.shot import Session
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
-from sysid.clips.contradiction import ALL_CLIPS, Contradiction, is_sound
-from sysid.clips.contradictions import contradictions
+from sysid.clips.consistency.contradiction import ALL_CLIPS, Contradiction, is_sound
+from sysid.clips.consistency.contradictions import contradictions
+from sysid.clips.consistency.strike import STAMP_DECIMALS, from_strike
+from sysid.clips.consistency.units import clip_fault, coordinates_fault, times_fault
 from sysid.clips.header import Entry, read_header
 from sysid.clips.names import CLIPS_TOML
 from sysid.clips.plausibility import PLACES, TIMES, check_rows, check_struck
 from sysid.clips.rows import Rows, read_rows
 from sysid.clips.running import MIN_RUNNING_SAMPLES, begun_running
 from sysid.clips.session import session_of
-from sysid.clips.strike import STAMP_DECIMALS, from_strike
 from sysid.clips.trust import camera_doubts, doubt_line
-from sysid.clips.units import clip_fault, coordinates_fault, times_fault
 
 NO_MOTION = (
     f"running = true, but no ball moves for {MIN_RUNNING_SAMPLES} samples: remove the clip, or running where it begins "

@@ -17,10 +17,10 @@ import numpy as np
 from models.errors import BadInput
 from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation
-from sysid.clips.contradiction import is_sound
-from sysid.clips.noise import position_noise
+from sysid.clips.consistency.contradiction import is_sound
+from sysid.clips.consistency.strike import after_time
 from sysid.clips.segments import cuts_of, moving_from, moving_m
-from sysid.clips.strike import after_time
+from sysid.clips.tracker.noise import position_noise
 
 SMOOTH_SAMPLES = 6  # first samples of each ball, which must hold no impact
 MAX_BENT_SD, MAX_BENT_M = 4.0, 3e-4  # largest distance of a smooth motion from a parabola

@@ -20,6 +20,7 @@ from models.shot import UNKNOWN_SESSION, Array, Session, Table
 from models.shot import Ball as BallSize
 from sysid.clips.clip_set import Clip, Observation
 
+MAX_IMPACT_GAP_S = 0.15  # longest time between the segments before and after an impact
 MAX_TURN_GAP_M = 0.03  # largest distance of an impact from the cushion, beyond a frame's travel
 SLOPE_SAMPLES = 5  # samples on each side of a slow impact, for the velocities before and after
 MAX_SLOW_HIT_GAP_M = 0.006  # largest distance of a slow impact's nearest sample from the cushion

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.clips.segments import Segment
+from sysid.clips.segments import MAX_IMPACT_GAP_S, Segment
 from sysid.direct.friction import MAX_CHI2, MIN_SAMPLES
 from sysid.direct.slide_roll import ParameterPrior, SegmentMotion, SlideRoll, fit_slide_roll
 
 ROLLING_WINDOW_S, SLIDING_WINDOW_S, WINDOW_AFTER_S = 0.5, 0.3, 0.6  # windows that determine the velocity at an impact
-MAX_GAP_S = 0.15  # longest time between the segments before and after an impact
 MIN_APPROACH_M_S = 0.2  # slower impacts are left out
 MAX_IMPACT_SD = 0.1  # relative sd of an impact that is used
 
@@ -61,6 +60,6 @@ def motion_after(s: Segment, contact: float, known: Known) -> SlideRoll | None:
 def next_segment(found: Sequence[SegmentMotion], clip: int, ball: str, kind: str, time: float) -> Segment | None:
     """The segment of a ball that follows an impact of a kind at a time [s]."""
     for s in (k.segment for k in found):
-        if s.clip == clip and s.ball == ball and s.before == kind and time < s.time[0] < time + MAX_GAP_S:
+        if s.clip == clip and s.ball == ball and s.before == kind and time < s.time[0] < time + MAX_IMPACT_GAP_S:
             return s
     return None

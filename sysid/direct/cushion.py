@@ -20,9 +20,8 @@ import numpy as np
 from models.analytic.impulse import rebound_rows
 from models.shot import Ball
 from sysid.clips import ClipSet
-from sysid.clips.segments import Segment
+from sysid.clips.segments import MAX_IMPACT_GAP_S, Segment
 from sysid.direct.at_impact import (
-    MAX_GAP_S,
     MAX_IMPACT_SD,
     MIN_APPROACH_M_S,
     Before,
@@ -103,7 +102,9 @@ def _contact(before: Before, after: Segment, axis: int, known: Known) -> tuple[f
             return None
         here, there = before.fit.state(contact - before.start)[0], fit.state(0.0)[0]
         closing = max(abs(float(here[2 + axis] - there[2 + axis])), MIN_APPROACH_M_S)
-        gap = float(np.clip(abs(there[axis]) - abs(here[axis]), -MAX_GAP_S * closing, MAX_GAP_S * closing))
+        gap = float(
+            np.clip(abs(there[axis]) - abs(here[axis]), -MAX_IMPACT_GAP_S * closing, MAX_IMPACT_GAP_S * closing)
+        )
         contact += gap / closing
         fit = motion_after(after, contact, known)
     return None if fit is None else (contact, fit)

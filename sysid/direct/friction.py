@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from models.shot import GRAVITY
 from sysid.clips import ClipSet, Observation
-from sysid.clips.noise import smooth_noise
 from sysid.clips.segments import cuts_of
+from sysid.clips.tracker.noise import smooth_noise
 from sysid.direct.deceleration import fit_deceleration, path_length
 from sysid.direct.measured import Kind, Single
 from sysid.direct.slide_roll import LN_SLIDE, SegmentMotion

@@ -14,9 +14,9 @@ import math
 
 from models.shot import GRAVITY
 from sysid.clips import ClipSet
-from sysid.clips.noise import position_noise
-from sysid.clips.outliers import remove_outliers
 from sysid.clips.segments import split_all
+from sysid.clips.tracker.noise import position_noise
+from sysid.clips.tracker.outliers import remove_outliers
 from sysid.direct.at_impact import Known
 from sysid.direct.ball_impact import BALL_RESTITUTION, collisions
 from sysid.direct.cushion import cushion, rebounds

@@ -7,17 +7,15 @@ rate, whether it converged, and the error on held-out clips. In the order of a f
     problem           unknowns and steps that all problems have in common
     shot_problem      whole shots: residuals from initial states and constants (residual_rows, compiled)
     segment_problem   segments between events, on open cloth; open_cloth fits them
-    initial_states    initial states from nearly right ones; how far shots scatter about their commands
-    state_search      initial states at given constants: several optima of a shot live on from event to event
+    states/           initial states at given constants: where they begin, refined, searched
     sizes             length, width and diameter as constants, with the accuracy of a tape and a caliper as prior
     windows           shots cut into consecutive windows of one impact each
-    chain             multiple shooting: windows of long shots; chain_fit has constants, chain_search their states
+    chains/           multiple shooting: windows of long shots, with constants
     from_nothing      a model fitted to clips: windows first, then whole shots from there
     discrepancy       discrepancy of the model, which grows along a shot
     fitting           `fit(start)`: constants and initial states of whole shots together, from nearly right ones
     profile           standard deviations from profiles of a loss that is rough
     split             a clip set's training and held-out shots, without lost ones; fits evaluated on both
-    start_values      where initial states begin
     clip_fit          a model fitted to a clip set: `sysid fit`
 """
 

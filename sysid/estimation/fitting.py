@@ -15,11 +15,11 @@ import numpy as np
 
 from models.messages import counted
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, HeldOut, Point
-from sysid.estimation.initial_states import fit_states, followed, shot_scores
 from sysid.estimation.problem import Array, shared_constants
 from sysid.estimation.shot_problem import GROWING_RATE, ShotProblem
 from sysid.estimation.solver.joint_fit import Solution, StoppingRule, fit_joint, reduced_system
-from sysid.estimation.state_search import BETTER_LOSS, SEARCH_EFFORTS, searched_states
+from sysid.estimation.states.initial_states import fit_states, followed, shot_scores
+from sysid.estimation.states.state_search import BETTER_LOSS, SEARCH_EFFORTS, searched_states
 
 CLOSE_RATE = 3e-4  # largest discrepancy rate at which the last digit of constants matters
 MAX_ROUNDS = 20  # rounds of reweighting and searching

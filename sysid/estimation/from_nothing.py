@@ -1,6 +1,6 @@
 """A model fitted to clips without start values: first to windows, then from there to whole shots.
 
-In: a `Split` and a model. Out: a `WindowFit` of consecutive windows (sysid/estimation/chain.py), and the
+In: a `Split` and a model. Out: a `WindowFit` of consecutive windows (sysid/estimation/chains/chain.py), and the
 `FittedModel` of whole shots that it leads to.
 
 Windows have few false optima. If the model follows whole shots at the windows' constants, it is fitted once more to
@@ -18,17 +18,17 @@ import numpy as np
 
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.estimation.chain import Chain, Spread, likely_spread
-from sysid.estimation.chain_fit import ChainFit, fit_chain, settled_states
-from sysid.estimation.chain_search import SAME_LOSS, found_states, searched_windows, whole_states
+from sysid.estimation.chains.chain import Chain, Spread, likely_spread
+from sysid.estimation.chains.chain_fit import ChainFit, fit_chain, settled_states
+from sysid.estimation.chains.chain_search import SAME_LOSS, found_states, searched_windows, whole_states
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
-from sysid.estimation.initial_states import followed, own_scores, shot_scores, with_scatter
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.profile import profiled
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, exclusion_lines, lost_shots, shot_errors, split, typical_error
-from sysid.estimation.state_search import BETTER_LOSS
+from sysid.estimation.states.initial_states import followed, own_scores, shot_scores, with_scatter
+from sysid.estimation.states.state_search import BETTER_LOSS
 from sysid.estimation.windows import windows_of
 
 BASE_STEPS, BASE_ROUNDS = 8, 3  # iterations of the constants, and rounds of searching windows again

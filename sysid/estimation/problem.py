@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from models.engine.play import lacking
 from models.model_file import Model
-from models.shot import Ball, Table
+from models.shot import MAX_BREAK_SPEED_M_S, Ball, Table
 from sysid.estimation.solver.joint_fit import SharedConstants
 from sysid.estimation.solver.least_squares import Prior
 
@@ -26,7 +26,6 @@ Index = NDArray[np.int64]
 
 STATE_STEPS = np.array([1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-4])  # finite differences, [m] and [m/s]
 CONSTANT_STEP, VARIED_CONSTANT_STEP = 1e-5, 1e-3  # the same of constants, of their bounds' width
-MAX_SPEED_M_S = 15.0  # largest speed of a ball: no break shot is faster
 MAX_SPIN_M_S = 20.0  # largest surface speed of its spin: the miscue limit at that speed, with a margin
 OPEN_TABLE_M = 1e3  # length and width of a table whose cushions are out of range
 CAUCHY_SD = 4.0  # Cauchy's constant, in standard deviations
@@ -70,7 +69,7 @@ def turn(azimuth: float) -> Array:
 
 def state_bounds(table: Table, ball: Ball) -> Array:
     """Largest absolute values of the initial state of a moving ball: (7,)."""
-    return np.array([*table.centre_limits(ball), *[MAX_SPEED_M_S] * 2, *[MAX_SPIN_M_S] * 3])
+    return np.array([*table.centre_limits(ball), *[MAX_BREAK_SPEED_M_S] * 2, *[MAX_SPIN_M_S] * 3])
 
 
 def on_open_table(model: Model) -> Model:

@@ -21,7 +21,7 @@ from sysid.estimation.fitting import fit
 from sysid.estimation.problem import Array, shared_constants
 from sysid.estimation.solver.joint_fit import MAX_STATE_STEPS, reduced_system
 from sysid.estimation.solver.least_squares import best_of, fit_each
-from sysid.estimation.state_search import BETTER_LOSS
+from sysid.estimation.states.state_search import BETTER_LOSS
 
 LOSS_RISE = 0.5  # rise of the loss at one standard deviation
 PROFILE_SD = (1.0, 2.0, 4.0, 8.0)  # distances at which the loss is evaluated, in standard deviations of the fit

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from models.analytic.geometry import TableGeometry
 from models.compiled import compiled, compiled_in_place, compiled_within
+from models.engine.columns import ROW_SIZE
 from models.engine.impacts import deliver
-from models.engine.loop import ROW_SIZE, play_shot
+from models.engine.loop import play_shot
 from models.engine.play import MAX_EVENTS, Layout, over_threads
 from models.engine.workspace import Forces, Options, ShotLaws, ShotLog, workspace
 from models.errors import BadInput

@@ -20,7 +20,7 @@ from sysid.clips.segments import Segment
 from sysid.estimation.problem import STATE_STEPS, Array, Index, ball_of, by_events, on_open_table, state_bounds
 from sysid.estimation.residual_rows import MeasuredShot, ShotData, Weighting, packed, residuals
 from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
-from sysid.estimation.start_values import running_sd, straight
+from sysid.estimation.states.start_values import running_sd, straight
 
 START_SAMPLES = 6  # a straight line through these first samples starts a segment
 

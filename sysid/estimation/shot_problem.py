@@ -46,7 +46,7 @@ from sysid.estimation.residual_rows import (
     packed,
 )
 from sysid.estimation.solver.least_squares import Evaluate, Objective, Prior
-from sysid.estimation.start_values import running_sd, running_start, shot_start, theta_noise
+from sysid.estimation.states.start_values import running_sd, running_start, shot_start, theta_noise
 
 REST_STEP = 1e-6  # finite difference of a resting ball's position [m]
 REST_SD = 2.0  # prior sd of its displacement from where it was seen, over both noises together
@@ -80,8 +80,8 @@ class ShotProblem:
     end: Array  # (n,) of each clip [s]
     horizon: Array  # (n,) after which a shot counts no more [s]
     own_rates: Array  # (n,) each shot's own discrepancy rate
-    correlation_time: float = 1.0  # of both noises [samples], see sysid/clips/noise.py
-    slow_noise: float = 0.0  # one standard deviation per axis [m], see sysid/clips/slow_noise.py
+    correlation_time: float = 1.0  # of both noises [samples], see sysid/clips/tracker/noise.py
+    slow_noise: float = 0.0  # one standard deviation per axis [m], see sysid/clips/tracker/slow_noise.py
 
     @property
     def clips(self) -> tuple[Clip, ...]:

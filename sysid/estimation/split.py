@@ -20,17 +20,17 @@ import numpy as np
 from models.errors import BadInput
 from models.model_file import Model
 from sysid.clips import ClipSet
-from sysid.clips.clock import stamp_scale
-from sysid.clips.noise import noise_correlation, position_noise
-from sysid.clips.outliers import remove_outliers
-from sysid.clips.slow_noise import slow_noise
+from sysid.clips.tracker.clock import stamp_scale
+from sysid.clips.tracker.noise import noise_correlation, position_noise
+from sysid.clips.tracker.outliers import remove_outliers
+from sysid.clips.tracker.slow_noise import slow_noise
 from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
-from sysid.estimation.initial_states import shot_scores
 from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.sizes import known_sizes, with_free_sizes
+from sysid.estimation.states.initial_states import shot_scores
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
 CLOCK_CONSTANT = "clock_scale.factor"  # its prior is known from the time stamps of the clips

@@ -1,6 +1,6 @@
 """The meaning of columns, by their names: times, balls, positions and commands; one row per ball or per frame.
 
-In: the `Columns` of a file. Out: `RawTrack`s in the file's units, and the units that the names state.
+In: the `TextColumns` of a file. Out: `RawTrack`s in the file's units, and the units that the names state.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from models.files.faults import closest, listed, shown
 from models.files.limits import MAX_BALLS, excess
 from models.messages import Option, OptionError
 from models.shot import Array
-from sysid.clips.readings import METRES_BY_UNIT
+from sysid.clips.consistency.readings import METRES_BY_UNIT
 from sysid.clips.rows import MAX_PLACE, MAX_STAMP
-from sysid.foreign.records import Columns, numbers
+from sysid.foreign.records import TextColumns, numbers
 
 KNOWN_NAMES: Mapping[str, tuple[str, ...]] = {
     "t": ("t", "time", "timestamp", "time_stamp", "stamp", "sec", "secs", "seconds", "ms", "milliseconds"),
@@ -72,7 +72,7 @@ def named(**columns: str) -> Option:
     return Option(f"--columns {pairs}", f"columns={json.dumps(columns, ensure_ascii=False)}")
 
 
-def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
+def read_clip(found: TextColumns, given: Mapping[str, str]) -> RawClip:
     """The tracks of a file; `given` maps meanings (t, frame, ball, x, y, theta, cue.speed) to names of columns."""
     for what, name in given.items():
         if what not in KNOWN_NAMES:
@@ -104,7 +104,7 @@ def read_clip(found: Columns, given: Mapping[str, str]) -> RawClip:
     )  # fmt: skip
 
 
-def shots_of(found: Columns, given: Mapping[str, str]) -> list[tuple[str, Columns]]:
+def shots_of(found: TextColumns, given: Mapping[str, str]) -> list[tuple[str, TextColumns]]:
     """The shots of a file with their names, in order, separated by the shot column if it has one."""
     name = given.get("shot") or _by_name(found.names, "shot")
     if name is None or name not in found.cells:
@@ -153,7 +153,7 @@ def _wide(names: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def _tracks(
-    found: Columns, stamp: str, columns: Mapping[str, str], pairs: Mapping[str, tuple[str, str]]
+    found: TextColumns, stamp: str, columns: Mapping[str, str], pairs: Mapping[str, tuple[str, str]]
 ) -> dict[str, RawTrack]:
     """Every ball's track in order of time, without rows in which it was not seen."""
 
@@ -207,7 +207,7 @@ def _ball_name(text: str) -> str:
     return f"ball {text}" if text.isdigit() else text or LONE_BALL
 
 
-def _commands(found: Columns, columns: Mapping[str, str]) -> dict[str, float]:
+def _commands(found: TextColumns, columns: Mapping[str, str]) -> dict[str, float]:
     """The command of the cue, if columns hold a single value of each quantity [m/s, rad, m]."""
     cue = {}
     for what, name in columns.items():

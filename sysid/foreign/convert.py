@@ -2,8 +2,8 @@
 
 In: files and what is stated about them. Out: `Imported`: the clip set, and the assumptions in words.
 
-What is not stated is inferred from the tracks (sysid/clips/readings.py). If two readings are equally likely, neither is
-chosen, and the error names the options that decide.
+What is not stated is inferred from the tracks (sysid/clips/consistency/readings.py). If two readings are equally
+likely, neither is chosen, and the error names the options that decide.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from models.errors import BadInput
 from models.messages import MessageParts, Option, OptionError, counted, option
 from models.shot import Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
-from sysid.clips.readings import (
+from sysid.clips.consistency.readings import (
     METRES_BY_UNIT,
     UNIT_NAMES,
     Reading,
@@ -35,6 +35,7 @@ from sysid.clips.readings import (
     possible_readings,
     read_so,
 )
+from sysid.clips.consistency.strike import STAMP_DECIMALS, first_moving, from_strike
 from sysid.clips.running import (
     MIN_RUNNING_SAMPLES,
     begun,
@@ -42,7 +43,6 @@ from sysid.clips.running import (
     starts_moving,
     usual_noise,
 )
-from sysid.clips.strike import STAMP_DECIMALS, first_moving, from_strike
 from sysid.foreign.columns import RawClip, RawTrack, read_clip, shots_of
 from sysid.foreign.pixels import Pixels, seen_through
 from sysid.foreign.records import read_columns

@@ -1,8 +1,8 @@
 """Tracks in pixels converted to table coordinates by a camera, with y counted downwards or upwards.
 
-Trackers count y either way. The evidence is the same as for lengths (sysid/clips/readings.py): rebounds at the
-cushions, impacts of balls a diameter apart, and commanded azimuths. With a camera straight above, both may be equally
-likely.
+Trackers count y either way. The evidence is the same as for lengths (sysid/clips/consistency/readings.py): rebounds at
+the cushions, impacts of balls a diameter apart, and commanded azimuths. With a camera straight above, both may be
+equally likely.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 from models.messages import MessageParts, option
 from models.shot import Array
-from sysid.clips.aims import FITTING_TURN, aims, off_aim
 from sysid.clips.clip_set import ClipSet, Observation
-from sysid.clips.readings import Reading, weighed
+from sysid.clips.consistency.aims import FITTING_TURN, aims, off_aim
+from sysid.clips.consistency.readings import Reading, weighed
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Files of other programs as columns of cells: CSV of any separator, JSON of most shapes, Parquet.
 
-In: a file. Out: its `Columns`.
+In: a file. Out: its `TextColumns`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ GROUP_KEYS = ("balls", "tracks", "objects", "detections", "frames", "data", "sam
 
 
 @dataclass(frozen=True)
-class Columns:
+class TextColumns:
     """A table of cells as texts, all columns of one length; an empty text stands for no value."""
 
     file: str
@@ -42,10 +42,10 @@ class Columns:
         """The line of a row; rows count from 0."""
         return self.lines[row] if self.lines else row + self.first_line
 
-    def rows(self, kept: Sequence[int]) -> Columns:
+    def rows(self, kept: Sequence[int]) -> TextColumns:
         """Some of its rows."""
         cells = {name: [column[k] for k in kept] for name, column in self.cells.items()}
-        return Columns(self.file, cells, self.first_line, [self.line(k) for k in kept])
+        return TextColumns(self.file, cells, self.first_line, [self.line(k) for k in kept])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,15 +53,15 @@ class Columns:
         return tuple(self.cells)
 
 
-def read_columns(path: Path) -> Columns:
+def read_columns(path: Path) -> TextColumns:
     """Read the columns of a file; BadInput if it has none."""
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".pq"):
-        return Columns(str(path), _parquet(path))
+        return TextColumns(str(path), _parquet(path))
     if suffix == ".json" or _looks_like_json(path):
         faults = Faults()
         text = faults.settle(read_text(path, str(path), faults, FILE_REMEDY, limits.MAX_TRACKS_JSON_BYTES))
-        return Columns(str(path), _json(text, str(path)), 1)
+        return TextColumns(str(path), _json(text, str(path)), 1)
     return _csv(path)
 
 
@@ -76,7 +76,7 @@ def _looks_like_json(path: Path) -> bool:
         return False
 
 
-def _csv(path: Path) -> Columns:
+def _csv(path: Path) -> TextColumns:
     """Columns of a CSV; lines beginning with # are comments, and with another separator the comma may be decimal."""
     file, head, first_line = str(path), list[str](), 2
     packers: list[TextPacker] = []
@@ -95,7 +95,7 @@ def _csv(path: Path) -> Columns:
                 packer.add(_decimal(cell) if "," in cell else cell)
     if not packers or not len(packers[0]):
         raise BadInput(f"{file}: holds no rows: name the tracker's CSV, JSON or Parquet file")
-    return Columns(file, {name: packer.texts() for name, packer in zip(head, packers, strict=True)}, first_line)
+    return TextColumns(file, {name: packer.texts() for name, packer in zip(head, packers, strict=True)}, first_line)
 
 
 def _decimal(cell: str) -> str:
@@ -258,7 +258,7 @@ def _text(value: Any) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def numbers(found: Columns, name: str) -> list[float]:
+def numbers(found: TextColumns, name: str) -> list[float]:
     """A column as numbers, NaN where it is empty; BadInput names the row of a text."""
     cells, where = found.cells[name], f"{found.file}, column {shown(name)}"
     values = []

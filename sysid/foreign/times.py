@@ -15,8 +15,8 @@ import numpy as np
 from models.errors import BadInput
 from models.messages import Option, OptionError
 from models.shot import Array
-from sysid.clips.tempo import SOUND_INTERVAL
-from sysid.clips.units import SECONDS_BY_UNIT, are_whole
+from sysid.clips.consistency.tempo import SOUND_INTERVAL
+from sysid.clips.consistency.units import SECONDS_BY_UNIT, are_whole
 from sysid.foreign.columns import RawClip
 
 FRAME_RATE = Option("--fps F", "fps=F")

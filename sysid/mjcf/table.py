@@ -18,7 +18,7 @@ from typing import Any
 from models.files import write_whole
 from models.mjcf.export import text_of
 from models.model_file import Model
-from models.sheet import Presented, Sheet
+from models.report.sheet import Presented, Sheet
 from models.shot import Array
 from sysid.mjcf.costs import SECONDS, SHOTS, Cost, costs_of, moves_balls
 from sysid.mjcf.said import is_expressible, plain_spec

@@ -30,7 +30,7 @@ from sysid.clips.clip_set import Clip, ClipSet, CueCommand, Observation
 from sysid.clips.running import begun, usual_noise
 from sysid.foreign.convert import Imported
 from sysid.pooltool.document import SYSTEM_REMEDY, read_systems
-from sysid.pooltool.frame import PHI_AHEAD_RAD, Frame
+from sysid.pooltool.frame import PHI_AHEAD_RAD, TableFrame
 from sysid.pooltool.table import table_here
 
 EVENT_FPS = 120.0  # default rate of samples between events [1/s]
@@ -152,7 +152,7 @@ def _between(times: Array, t: Array, rvw: Array, s: Array, params: Data) -> tupl
     return times, xy, s[last]
 
 
-def _observation(frame: Frame, times: Array, xy: Array, s: Array) -> Observation:
+def _observation(frame: TableFrame, times: Array, xy: Array, s: Array) -> Observation:
     """A ball's track in our frame, until it falls."""
     fallen = np.flatnonzero(s == POCKETED_STATE)
     end = int(fallen[0]) if fallen.size else len(times)

@@ -23,7 +23,7 @@ def nose_shift(radius: float) -> float:
 
 
 @dataclass(frozen=True)
-class Frame:
+class TableFrame:
     """The frame of a pooltool table: its size between the nose lines."""
 
     length: float  # along y there [m]

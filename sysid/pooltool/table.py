@@ -30,7 +30,7 @@ from models.pocket_shape import (
     read_pockets,
 )
 from models.shot import NOSE_COSINE, Array, Ball, Table
-from sysid.pooltool.frame import Frame, nose_shift, turned_there
+from sysid.pooltool.frame import TableFrame, nose_shift, turned_there
 
 NOSES_BY_RAIL: Mapping[str, tuple[str, ...]] = {"+x": ("9",), "-x": ("18",), "+y": ("3", "6"), "-y": ("15", "12")}
 POCKET_IDS = {(-1, -1): "rb", (0, -1): "rc", (1, -1): "rt", (-1, 1): "lb", (0, 1): "lc", (1, 1): "lt"}
@@ -40,9 +40,9 @@ POCKET_DEPTH_M = 0.08  # depth of pooltool's own pockets
 TABLE_HEIGHT_M, LIGHTS_HEIGHT_M = 0.708, 1.99  # used for drawing only
 
 
-def frame_of(table: Table, ball: Ball) -> Frame:
+def frame_of(table: Table, ball: Ball) -> TableFrame:
     """The pooltool frame of one of our tables."""
-    return Frame(*(size + 2 * nose_shift(ball.radius) for size in (table.length, table.width)))
+    return TableFrame(*(size + 2 * nose_shift(ball.radius) for size in (table.length, table.width)))
 
 
 def jaw_id(rail: str, along: float, corner: bool) -> str:
@@ -98,7 +98,7 @@ def table_there(table: Table, ball: Ball, heights: Mapping[str, float]) -> dict[
     }  # fmt: skip
 
 
-def _pocket(frame: Frame, x: float, y: float, radius: float) -> dict[str, Any]:
+def _pocket(frame: TableFrame, x: float, y: float, radius: float) -> dict[str, Any]:
     name = POCKET_IDS[round(math.copysign(1, x)) if x else 0, round(math.copysign(1, y))]
     centre = [*map(float, frame.place(np.array([x, y]))), 0.0]
     return {"id": name, "center": centre, "radius": radius, "depth": POCKET_DEPTH_M, "contains": []}
@@ -113,7 +113,7 @@ def _segment(name: str, ends: Array, normal: Array, height: float) -> dict[str, 
     return {"id": name, "p1": [x1, y1, height], "p2": [x2, y2, height], "direction": side}
 
 
-def table_here(data: Mapping[str, Any], ball: Ball) -> tuple[Table, Frame, str]:
+def table_here(data: Mapping[str, Any], ball: Ball) -> tuple[Table, TableFrame, str]:
     """Our table for one of pooltool's, its frame, and a remark on parts without a counterpart; "" for none.
 
     Raises:
@@ -122,7 +122,7 @@ def table_here(data: Mapping[str, Any], ball: Ball) -> tuple[Table, Frame, str]:
     linear = {name: np.array([one["p1"], one["p2"]], float)[:, :2] for name, one in _segments(data, "linear").items()}
     width = float(linear["12"][0, 0] - linear["3"][0, 0])
     length = float(linear["9"][0, 1] - linear["18"][0, 1])
-    frame, shift = Frame(length, width), nose_shift(ball.radius)
+    frame, shift = TableFrame(length, width), nose_shift(ball.radius)
     table = Table(round(length - 2 * shift, DECIMALS), round(width - 2 * shift, DECIMALS), pockets=False)
     if not data["pockets"]:
         return table, frame, ""
@@ -158,7 +158,7 @@ def _segments(data: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
 
 
 def _shape(
-    data: Mapping[str, Any], which: str, table: Table, ball: Ball, frame: Frame, linear: Mapping[str, Array]
+    data: Mapping[str, Any], which: str, table: Table, ball: Ball, frame: TableFrame, linear: Mapping[str, Array]
 ) -> dict[str, float]:
     """Our shape of a kind of pooltool pocket, from its first one: lower left, or left centre."""
     corner, near, shift = which == "corner", ball.radius * NOSE_COSINE, nose_shift(ball.radius)

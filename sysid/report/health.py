@@ -40,7 +40,7 @@ SIZE_NAMES: Final = {
 DETERMINED_SHARE = 0.5  # of the standard deviation with which a size was stated: a smaller one is the clips'
 INTERVAL_SDS = 2.0  # to either side: 95 %
 SIGNIFICANT_SDS = 3.0  # from zero, of what is usually zero
-UNDETERMINED = "not determined by these clips"
+NOT_DETERMINED = "not determined by these clips"
 NOT_CONVERGED_LINE = "the fit did not converge: it says nothing about the table"
 RAIL_OF: Final = dict(zip(("px", "mx", "py", "my"), RAIL_NAMES, strict=True))
 
@@ -105,7 +105,7 @@ def health_lines(model: Model) -> list[str]:
     lines = health(model)
     undetermined = [line.what for line in lines if not line.determined]
     return [line.text() for line in lines if line.determined] + (
-        [f"{UNDETERMINED}: {', '.join(undetermined)}"] if undetermined else []
+        [f"{NOT_DETERMINED}: {', '.join(undetermined)}"] if undetermined else []
     )
 
 
@@ -136,7 +136,7 @@ def _size(name: str, found: Finding) -> HealthLine:
     determined = found.sd < DETERMINED_SHARE * SIZE_SDS[name] * stated
     verdict = "as stated"
     if not determined:
-        verdict = UNDETERMINED
+        verdict = NOT_DETERMINED
     elif off.significant:
         more = f"{abs(off.value) * 1e3:.1f} mm {'more' if off.value > 0 else 'less'}"
         verdict = f"{more} than stated: measure it again, and correct {key} in clips.toml"
@@ -160,7 +160,7 @@ def _noses(found: Finding) -> HealthLine:
     return HealthLine(
         "cushions, height of the noses", _measured(height, found.sd, "R"),
         "1.4 R snooker, 1.25 to 1.29 R pool, 1.17 to 1.20 R carom", "Mathavan 2010; WPA; UMB",
-        f"{height * radius * 1e3:.1f} mm above the slate" if found.significant else UNDETERMINED, found.significant,
+        f"{height * radius * 1e3:.1f} mm above the slate" if found.significant else NOT_DETERMINED, found.significant,
     )  # fmt: skip
 
 
@@ -170,7 +170,7 @@ def _nose(rail: str, found: Finding) -> HealthLine:
     verdict = f"cushion {rail} stands {off:.1f} mm {'higher' if found.value > 0 else 'lower'} than the others"
     return HealthLine(
         f"cushion {rail}, height of its nose", _measured(found.value, found.sd, "R"), "0", "all cushions alike",
-        f"{verdict}: check its bolts and shims" if found.significant else UNDETERMINED, found.significant,
+        f"{verdict}: check its bolts and shims" if found.significant else NOT_DETERMINED, found.significant,
     )  # fmt: skip
 
 
@@ -181,7 +181,7 @@ def _in_range(name: str, usual: TypicalRange, found: Finding) -> HealthLine:
     typical = f"{usual.low * scale:.3g} to {usual.high * scale:.3g} {usual.shown_unit}".rstrip()
     what = usual.what + _where_it_holds(name, found.model)
     if not found.narrower_than(usual.high - usual.low):
-        return HealthLine(what, measured, typical, usual.source, UNDETERMINED, False)
+        return HealthLine(what, measured, typical, usual.source, NOT_DETERMINED, False)
     low, high = found.value - INTERVAL_SDS * found.sd, found.value + INTERVAL_SDS * found.sd
     if high < usual.low:
         verdict = usual.below
@@ -217,7 +217,7 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
         towards = f"{'+' if found.value > 0 else '-'}{letter}"
         clear, brief, remedy = abs(found.value) - INTERVAL_SDS * found.sd > limit, "", ""
         if not determined:
-            verdict = UNDETERMINED
+            verdict = NOT_DETERMINED
         elif clear:
             lift = f"{abs(found.value) * size * 1e3:.1f} mm"
             verdict = f"downhill towards {towards}: raise that end by {lift}"
@@ -241,7 +241,7 @@ def _slope(axis: int) -> Callable[[Finding], HealthLine]:
 def _cushion(rail: str, found: Finding) -> HealthLine:
     """One cushion beside the others."""
     what, measured = f"cushion {rail}, change of restitution", _measured(found.value, found.sd, "")
-    verdict = UNDETERMINED
+    verdict = NOT_DETERMINED
     if found.significant:
         share = 100 * found.value / found.model.parameters()["cushion_impact.restitution"]
         more = "more" if found.value > 0 else "less"
@@ -255,7 +255,7 @@ def _cushion(rail: str, found: Finding) -> HealthLine:
 def _nap(found: Finding) -> HealthLine:
     towards = "+x" if found.value > 0 else "-x"
     verdict = (
-        f"pushes balls towards {towards}, as a slope would: check with a level" if found.significant else UNDETERMINED
+        f"pushes balls towards {towards}, as a slope would: check with a level" if found.significant else NOT_DETERMINED
     )
     measured = _measured(found.value * 1e3, found.sd * 1e3, "mm/s^2")
     return HealthLine("cloth, push of the nap", measured, "0 to 3 mm/s^2", "estimate", verdict, found.significant)
@@ -265,7 +265,7 @@ def _worn(found: Finding) -> HealthLine:
     names = [f"worn_patch.{key}" for key in ("x", "y", "radius")]
     x, y, radius = (found.model.parameters()[name] for name in names)
     placed = all(name in found.model.estimates and math.isfinite(found.model.estimates[name].sd) for name in names)
-    verdict = UNDETERMINED
+    verdict = NOT_DETERMINED
     if found.significant and placed:
         more = "more" if found.value > 0 else "less"
         verdict = (
@@ -283,7 +283,7 @@ def _clock(found: Finding) -> HealthLine:
     verdict = f"time stamps are {abs(100 * off.value):.2g} % {way}: divide t by {found.value:.4f}, or correct fps"
     return HealthLine(
         "camera, clock", _measured(found.value, found.sd, ""), "0.995 to 1.005",
-        "frame rates are off by 0.01 to 0.5 %", verdict if off.significant else UNDETERMINED, off.significant,
+        "frame rates are off by 0.01 to 0.5 %", verdict if off.significant else NOT_DETERMINED, off.significant,
     )  # fmt: skip
 
 
@@ -296,7 +296,8 @@ def _lens(found: Finding) -> HealthLine:
     measured = _measured(100 * found.value * corner**2, 100 * found.sd * corner**2, "% at the corner")
     return HealthLine(
         "camera, lens", measured, "0.5 to 2 % uncalibrated, 0 calibrated", "estimate",
-        verdict if found.significant else UNDETERMINED, found.significant,
+        verdict if found.significant else NOT_DETERMINED,
+        found.significant,
     )  # fmt: skip
 
 
@@ -309,7 +310,8 @@ def _scale(found: Finding) -> HealthLine:
         verdict += "check the table's length and width, and calibrate again"
     return HealthLine(
         "camera, scale", _measured(100 * found.value, 100 * found.sd, "%"), "0, up to 1.3 % if calibrated on the cloth",
-        "parallax of the balls' height, R / (H - R)", verdict if found.significant else UNDETERMINED, found.significant,
+        "parallax of the balls' height, R / (H - R)", verdict if found.significant else NOT_DETERMINED,
+        found.significant,
     )  # fmt: skip
 
 
@@ -319,7 +321,7 @@ def _camera_tilt(axis: int) -> Callable[[Finding], HealthLine]:
         verdict = f"the picture is too small towards {smaller}{'xy'[axis]}: calibrate the camera again"
         return HealthLine(
             f"camera, gradient of the scale along {'xy'[axis]}", _measured(100 * found.value, 100 * found.sd, "%/m"),
-            "0; 0.7 %/m for 1 degree at 2.5 m", "pinhole", verdict if found.significant else UNDETERMINED,
+            "0; 0.7 %/m for 1 degree at 2.5 m", "pinhole", verdict if found.significant else NOT_DETERMINED,
             found.significant,
         )  # fmt: skip
 
@@ -334,7 +336,8 @@ def _shutter(found: Finding) -> HealthLine:
     )
     return HealthLine(
         "camera, rolling shutter", _measured(found.value * 1e3, found.sd * 1e3, "ms/m"), "0; 3.3 ms/m for a telephone",
-        "estimate: 5 ms over 1.52 m", verdict if found.significant else UNDETERMINED, found.significant,
+        "estimate: 5 ms over 1.52 m", verdict if found.significant else NOT_DETERMINED,
+        found.significant,
     )  # fmt: skip
 
 

@@ -18,7 +18,9 @@ from models.model_file import Estimate, Model
 from models.report.chart import Chart, embedded
 from models.report.numbers import NO_VALUE, millimetres, number, value_with_sd
 from models.report.page import write_page
-from sysid.report.figures import (
+from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
+from sysid.report.health import INTERVAL_SDS, health, health_lines
+from sysid.report.pictures.figures import (
     Rung,
     curve_charts,
     dependence_charts,
@@ -27,12 +29,10 @@ from sysid.report.figures import (
     shots_chart,
     white_chart,
 )
-from sysid.report.figures_where import lacking_charts, misses_map
-from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
-from sysid.report.first_figures import first_figures
-from sysid.report.health import INTERVAL_SDS, health, health_lines
-from sysid.report.player import playback
-from sysid.report.shot_picture import shot_pictures
+from sysid.report.pictures.figures_where import lacking_charts, misses_map
+from sysid.report.pictures.first_figures import first_figures
+from sysid.report.pictures.player import playback
+from sysid.report.pictures.shot_picture import shot_pictures
 from sysid.report.text import in_words
 from sysid.report.typical import TYPICAL_RANGES
 from sysid.report.verdict import Verdict
@@ -89,15 +89,9 @@ def write_report(
     label, last = comparisons[-1] if comparisons else ("", None)
     rungs = _rungs(comparisons, ladder)
     rising = ladder_chart(rungs, last.noise_m if last else math.nan)
-    values: dict[str, object] = {"last": None, "constants": [], "health_notes": []}
     charts: dict[str, list[Chart]] = {"ladder": [rising] if rising else [], "curves": curve_charts(unexplained)}
     if last is not None:
         charts |= _charts(comparisons, last)
-        values = {
-            "last": last, "cards": _cards(last), "departures": _departures(last), "groups": _groups(last.where),
-            "constants": _constants(last.model),
-            "health_notes": [] if health(last.model) else health_lines(last.model),
-        }  # fmt: skip
     first = first_figures(comparisons)
     charts["first"] = [chart for figure in first for chart in figure.charts]
     player = playback(comparisons)
@@ -118,8 +112,19 @@ def write_report(
         next_shots=shot_pictures(next_shots, last.model) if last else [],
         figures=embedded({"charts": drawn, "player": player}) if drawn or player else "",
         player=player,
-        **values,
+        **_values(last),
     )
+
+
+def _values(last: Comparison | None) -> dict[str, object]:
+    """What tables and lists say of the last comparison."""
+    if last is None:
+        return {"last": None, "constants": [], "health_notes": []}
+    return {
+        "last": last, "cards": _cards(last), "departures": _departures(last), "groups": _groups(last.where),
+        "constants": _constants(last.model),
+        "health_notes": [] if health(last.model) else health_lines(last.model),
+    }  # fmt: skip
 
 
 def _charts(comparisons: Sequence[tuple[str, Comparison]], last: Comparison) -> dict[str, list[Chart]]:

@@ -8,5 +8,6 @@ In: a clip set and a model. Out: a `Comparison`. From the top down:
     groups, bins            errors by phase, event, speed, place and so on
     accelerations, impacts  missing accelerations between events, and missing velocities after impacts
     localise, significance  the significant departures; sentences puts them into words
+    functions               what is lacking, as smooth functions of place, speed, spin and the order of clips
     whiteness               whether the residuals are noise
 """

@@ -15,16 +15,16 @@ from models.messages import counted
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import ClipSet
-from sysid.clips.noise import position_noise
-from sysid.clips.outliers import remove_outliers
-from sysid.clips.slow_noise import slow_noise
-from sysid.estimation.chain_search import found_states
+from sysid.clips.tracker.noise import position_noise
+from sysid.clips.tracker.outliers import remove_outliers
+from sysid.clips.tracker.slow_noise import slow_noise
+from sysid.estimation.chains.chain_search import found_states
 from sysid.estimation.discrepancy import events_and_paths
-from sysid.estimation.initial_states import polished
 from sysid.estimation.problem import STATE_STEPS, Array, by_events
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.solver.blas import on_one_blas_thread
-from sysid.estimation.start_values import theta_noise
+from sysid.estimation.states.initial_states import polished
+from sysid.estimation.states.start_values import theta_noise
 from sysid.residuals.collect import joined, samples_of_segments, samples_of_shots
 from sysid.residuals.comparison import ClipRow, Comparison, SegmentRow
 from sysid.residuals.groups import groups

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.model_file import Model
 from models.shot import Track
 from sysid.clips import Clip, ClipSet
-from sysid.clips.slow_noise import SlowNoise
+from sysid.clips.tracker.slow_noise import SlowNoise
 from sysid.residuals.impacts import Impacts
 from sysid.residuals.samples import Samples
 from sysid.residuals.significance import Findings

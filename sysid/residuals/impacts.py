@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from models.shot import Event, Shot, Track
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
-from sysid.clips.segments import Segment
+from sysid.clips.segments import MAX_IMPACT_GAP_S, Segment
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.residuals.collect import MIN_SLIP_M_S, motions
@@ -32,7 +32,6 @@ from sysid.residuals.segment_fits import SegmentFits, sidespin
 
 COMPARED_SAMPLE = 2  # sample of the next segment whose velocities are compared: an event may be detected too early
 MIN_SEGMENT_SAMPLES = 8  # fewest samples for a velocity
-MAX_GAP_S = 0.15  # longest time between the segments before and after an impact
 MIN_APPROACH_M_S = 0.05
 RESTING_MOTION_M = 0.003  # apparent motion of a ball at rest
 ROLLED_SAMPLES = 12  # samples of rolling before an impact after which the spin is known
@@ -109,7 +108,7 @@ def _case(k: int, fits: SegmentFits, whole: Track, clip_set: ClipSet) -> _Case |
 
     def following(ball: str) -> int | None:
         for j, other in enumerate(segments):
-            if (other.clip, other.ball) == (s.clip, ball) and end < other.time[0] < end + MAX_GAP_S:
+            if (other.clip, other.ball) == (s.clip, ball) and end < other.time[0] < end + MAX_IMPACT_GAP_S:
                 usable = fits.good[j] and len(other.time) >= MIN_SEGMENT_SAMPLES and other.before == s.after
                 return j if usable else None
         return None

@@ -21,7 +21,7 @@ from sysid.estimation.open_cloth import START_CAUCHY_SD, UNSEEN_EVENT_RATIO, clo
 from sysid.estimation.problem import STATE_STEPS, Array, values_of
 from sysid.estimation.segment_problem import SegmentProblem, segment_problem
 from sysid.estimation.solver.least_squares import fit_each
-from sysid.estimation.state_search import state_information
+from sysid.estimation.states.state_search import state_information
 
 MAX_FIT_STEPS = 10
 START_ROLLS = (1.0, 0.0)  # start values of a segment's spin, over natural roll

@@ -18,14 +18,14 @@ from typing import Self
 import numpy as np
 
 from models.effect import Effect
-from sysid.estimation.chain_fit import design_effect
+from sysid.estimation.chains.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.fitting import few_steps, fit_held_out
 from sysid.estimation.from_nothing import likelier_starts, with_found_starts
-from sysid.estimation.initial_states import fit_states, shot_losses
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
-from sysid.estimation.state_search import BETTER_LOSS
+from sysid.estimation.states.initial_states import fit_states, shot_losses
+from sysid.estimation.states.state_search import BETTER_LOSS
 from sysid.selection.evidence import MAX_RESIDUAL_SD, compare_fits, counted_as_one, remove_effect
 from sysid.selection.score import Linearised, Score, linearise
 from sysid.selection.signatures import Candidate, with_candidate

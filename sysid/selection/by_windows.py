@@ -2,7 +2,7 @@
 
 In: a fit of windows. Out: their evidence on candidates.
 
-If a model lacks much, or after a dozen impacts, whole shots show little (sysid/estimation/chain.py). Consecutive
+If a model lacks much, or after a dozen impacts, whole shots show little (sysid/estimation/chains/chain.py). Consecutive
 windows of one impact each still do.
 """
 
@@ -18,8 +18,8 @@ from typing import Self
 
 import numpy as np
 
-from sysid.estimation.chain_beside import Beside, information_beside
-from sysid.estimation.chain_fit import fit_chain, settled_states
+from sysid.estimation.chains.chain_beside import Beside, information_beside
+from sysid.estimation.chains.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, from_other, moved_to, searched
 from sysid.estimation.problem import CAUCHY_SD, Array

@@ -18,10 +18,10 @@ import numpy as np
 
 from models.shot import Event
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.initial_states import fit_states
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, fit_on
+from sysid.estimation.states.initial_states import fit_states
 from sysid.selection.evidence import MAX_RESIDUAL_SD, mean_squares
 
 MIN_RATIO = 1.7  # least ratio of a departing shot's mean square to the median of all

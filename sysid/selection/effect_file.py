@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Sequence
 
 from models import formula as kinds
+from models.effect import MIN_FRICTION_SHARE
 from models.errors import BadInput
 from models.variables import SESSION_VARIABLES, X, Y
 from sysid.selection.terms import QUANTITY_TEXTS, Term
@@ -52,7 +53,7 @@ IMAGE_VARIABLES = {
 }  # fmt: skip
 APPLY_LINES = {  # quantity: the line that changes it
     "drag": "push_along(ball, -{value}, 0.0)",
-    "grip": f"ball.slide_factor = max(ball.slide_factor * (1.0 + {{value}}), {kinds.LEAST_GRIP})",
+    "grip": f"ball.slide_factor = max(ball.slide_factor * (1.0 + {{value}}), {MIN_FRICTION_SHARE})",
     "push_x": "ball.ax += {value}",
     "push_y": "ball.ay += {value}",
     "side": "push_along(ball, 0.0, {value})",

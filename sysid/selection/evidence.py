@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.clips.correlation import integrated_time
+from sysid.clips.tracker.correlation import integrated_time
 from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.initial_states import fit_states, weighed_scores
 from sysid.estimation.problem import Array
+from sysid.estimation.states.initial_states import fit_states, weighed_scores
 
 MAX_LAG = 40  # largest lag of the autocorrelation [samples]
 MIN_CORRELATION = 0.02  # correlation at which the sum of the autocorrelation stops

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from models.engine.play import play
+from models.mjcf.snooker import SNOOKER_BALL
 from models.model_file import Model, write_model
 from models.shot import Shot
 from sysid.clips import Clip, ClipSet, Observation, write_clip_set
-from sysid.validation.shots import ANALYTIC_MODEL, MATHAVAN_TABLE, SNOOKER_BALL
+from sysid.validation.shots import ANALYTIC_MODEL, MATHAVAN_TABLE
 
 POSITION_NOISE_M, ANGLE_NOISE_RAD = 2e-4, 0.02  # noise of positions, and of the white ball's mark
 CAMERA_FPS = 120.0

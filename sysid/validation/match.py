@@ -19,7 +19,7 @@ import numpy as np
 
 from models.analytic import cloth
 from models.engine.play import lacking, play
-from models.mjcf.snooker import SNOOKER_TABLE
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Model, catalogue, full_model
 from models.mujoco import stroke
 from models.shot import Array, Shot, Table, Track
@@ -34,7 +34,6 @@ from sysid.validation.shots import (
     RANDOM_SEED,
     ROLLING_FRICTION,
     SLIDING_FRICTION,
-    SNOOKER_BALL,
     SPIN_DECELERATION,
     impact_shot,
     impact_states,

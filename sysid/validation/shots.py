@@ -11,11 +11,10 @@ import dataclasses
 import numpy as np
 
 from models.engine.play import play
-from models.mjcf.snooker import SNOOKER_TABLE
+from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.shot import Array, Ball, Session, Shot, Table, Track
 
-SNOOKER_BALL = Ball(0.0525, 0.1406)  # diameter [m], mass [kg]
 OPEN_TABLE = Table(60.0, 60.0, pockets=False)  # so wide that no ball touches a cushion
 MATHAVAN_TABLE = Table(2.959, 1.473, pockets=False)
 FULL_TABLE = dataclasses.replace(SNOOKER_TABLE, pockets=False)

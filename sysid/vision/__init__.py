@@ -15,9 +15,9 @@ from models.lazy import lazy
 if TYPE_CHECKING:
     from sysid.vision.calibration import FoundCamera, NoCamera, calibrate
     from sysid.vision.camera.board import Board
-    from sysid.vision.camera.calibrate import CameraHints
-    from sysid.vision.camera.marker_sheet import write_markers
+    from sysid.vision.camera.printed.marker_sheet import write_markers
     from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
+    from sysid.vision.camera.table.reading import CameraHints
     from sysid.vision.cue.line import CueLine, angle_between, cue_direction
     from sysid.vision.device import Device, lossless_writer, stamped_footage
     from sysid.vision.film import Taken, TrackedFilm, track_film, track_footage
@@ -61,7 +61,7 @@ __getattr__, __dir__ = lazy(
     {
         "Board": "sysid.vision.camera.board:Board",
         "Camera": "sysid.vision.camera.projection:Camera",
-        "CameraHints": "sysid.vision.camera.calibrate:CameraHints",
+        "CameraHints": "sysid.vision.camera.table.reading:CameraHints",
         "CueLine": "sysid.vision.cue.line:CueLine",
         "Device": "sysid.vision.device:Device",
         "FilmSet": "sysid.vision.film_set:FilmSet",
@@ -86,6 +86,6 @@ __getattr__, __dir__ = lazy(
         "track_film": "sysid.vision.film:track_film",
         "track_footage": "sysid.vision.film:track_footage",
         "write_camera": "sysid.vision.camera.projection:write_camera",
-        "write_markers": "sysid.vision.camera.marker_sheet:write_markers",
+        "write_markers": "sysid.vision.camera.printed.marker_sheet:write_markers",
     },
 )

@@ -16,15 +16,16 @@ import numpy as np
 
 from models.errors import BadInput
 from models.shot import Array, Table
-from sysid.vision.camera import calibration_picture, calibration_report
 from sysid.vision.camera.board import Board, lens_of
-from sysid.vision.camera.calibrate import Calibration, CameraHints
+from sysid.vision.camera.calibrate import Calibration
 from sysid.vision.camera.calibrate import calibrate as calibrate_picture
 from sysid.vision.camera.camera_motion import side_profiles
-from sysid.vision.camera.clicks import as_option, clicked
 from sysid.vision.camera.footages import table_view
+from sysid.vision.camera.pictures import calibration_picture, calibration_report
+from sysid.vision.camera.pictures.clicks import as_option, clicked
+from sysid.vision.camera.pictures.seen_picture import SeenTable, seen_table
 from sysid.vision.camera.projection import Camera
-from sysid.vision.camera.seen_picture import SeenTable, seen_table
+from sysid.vision.camera.table.reading import CameraHints
 from sysid.vision.camera.trust import is_of_focal_length
 from sysid.vision.frames import Picture
 from sysid.vision.samples import spread_pictures

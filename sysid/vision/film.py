@@ -23,9 +23,9 @@ from models.recording.live import LiveTrack
 from models.workers.order import report
 from sysid.clips import ClipSet
 from sysid.vision import track_report
+from sysid.vision.balls.colours.palette import Palette, palette_for
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import Palette, palette_for
 from sysid.vision.camera.camera_motion import SteadyView
 from sysid.vision.camera.projection import Camera
 from sysid.vision.details import Details, details

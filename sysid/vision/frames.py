@@ -37,7 +37,7 @@ RATE_TOLERANCE = 0.003  # relative difference from the rate given by the user th
 GAP_PERIODS = 1.75  # time between two frames from which on frames are missing
 SEEK_FRAMES = 1500  # longer videos are sampled by seeking, shorter ones by reading them through
 PNG_BEGINS = b"\x89PNG\r\n\x1a\n"
-STDERR = 2  # its descriptor
+STDERR_DESCRIPTOR = 2  # its descriptor
 
 
 @dataclass(frozen=True)
@@ -385,15 +385,15 @@ def quiet() -> Iterator[None]:
     logging = cv2.utils.logging
     before, nowhere = logging.getLogLevel(), os.open(os.devnull, os.O_WRONLY)
     try:
-        kept = os.dup(STDERR)
+        kept = os.dup(STDERR_DESCRIPTOR)
     except OSError:  # it is closed
         kept = nowhere
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
-    os.dup2(nowhere, STDERR)
+    os.dup2(nowhere, STDERR_DESCRIPTOR)
     try:
         yield
     finally:
-        os.dup2(kept, STDERR)
+        os.dup2(kept, STDERR_DESCRIPTOR)
         logging.setLogLevel(before)
         for descriptor in {kept, nowhere}:
             os.close(descriptor)

@@ -18,11 +18,11 @@ import numpy as np
 
 from models.errors import BadInput
 from models.shot import Array
+from sysid.vision.balls.colours.names import MIN_SURE_PROBABILITY
+from sysid.vision.balls.colours.palette import palette_for
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.names import SURE
-from sysid.vision.balls.palette import palette_for
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Picture, open_footage
 
@@ -87,7 +87,9 @@ def find_balls(
     found = {}
     for name, one in balls.items():
         places = camera.centres(np.array(pixels[name][::-1]))
-        found[name] = StillBall(places, one.name, *((one.other, 1 - one.odds) if one.odds < SURE else ()))
+        found[name] = StillBall(
+            places, one.name, *((one.other, 1 - one.odds) if one.odds < MIN_SURE_PROBABILITY else ())
+        )
     return found, notes
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import models
 import planner
 import sysid
-from models.contract import described
+from models.contract.checks import described
 from models.model_file import catalogue
 from tests.architecture.source import ROOT
 

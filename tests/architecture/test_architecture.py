@@ -28,6 +28,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "workers": ("engine",),
         "mujoco": ("analytic", "engine", "files", "mjcf"),
         "simulation": ("analytic", "engine", "mujoco"),
+        "contract": ("files", "engine", "mjcf", "simulation"),
         "recording": ("files", "mjcf"),
         "environment": ("mjcf",),
         "report": ("files", "recording"),
@@ -58,6 +59,8 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
             "report",
         ),
     },
+    "sysid.clips": {"tracker": (), "consistency": ("tracker",)},
+    "sysid.estimation": {"solver": (), "states": ("solver",), "chains": ("solver", "states")},
     "sysid.vision": {
         "camera": (),
         "balls": ("camera",),
@@ -65,6 +68,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "tracks": ("camera", "balls"),
         "rotation": ("camera",),
     },
+    "sysid.vision.camera": {"printed": (), "table": ("printed",), "pictures": ("printed", "table")},
     "planner": {
         "launcher": (),
         "evaluation": ("launcher",),

@@ -21,7 +21,7 @@ import planner
 import sysid
 import sysid.vision
 from models.messages import OptionError, option
-from models.sheet import Presented, Sheet
+from models.report.sheet import Presented, Sheet
 from sysid.cli.demo import EXAMPLE_FOLDER
 from sysid.foreign.columns import named
 from sysid.vision import write_camera
@@ -265,7 +265,7 @@ def test_data_frames_are_of_what_is_installed(monkeypatch: pytest.MonkeyPatch) -
 
     assert str(Two()) == "of <two>\na\n1"
     assert "of &lt;two&gt;" in Two()._repr_html_()
-    monkeypatch.setattr("models.sheet.find_spec", lambda name: None)
+    monkeypatch.setattr("models.report.sheet.find_spec", lambda name: None)
     with pytest.raises(models.BadInput, match="pip install pandas"):
         Two().frame()
     monkeypatch.undo()

@@ -20,12 +20,12 @@ from models.model_file import Model, read_model
 from models.shot import Track
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation, read_clip_set
-from sysid.clips.noise import position_noise
-from sysid.clips.outliers import remove_outliers
-from sysid.estimation.chain_search import found_states
-from sysid.estimation.initial_states import polished
+from sysid.clips.tracker.noise import position_noise
+from sysid.clips.tracker.outliers import remove_outliers
+from sysid.estimation.chains.chain_search import found_states
 from sysid.estimation.shot_problem import ShotProblem, residual, shot_problem
 from sysid.estimation.split import subset, training_clips
+from sysid.estimation.states.initial_states import polished
 
 Array = NDArray[np.float64]
 NO_CONSTANTS = np.zeros(0)

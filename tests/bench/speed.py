@@ -16,7 +16,7 @@ from models.model_file import Model, full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import read_clip_set
-from sysid.clips.noise import position_noise
+from sysid.clips.tracker.noise import position_noise
 from sysid.estimation.open_cloth import values_of
 from sysid.estimation.problem import constant_steps
 from sysid.estimation.shot_problem import shot_problem

@@ -33,7 +33,7 @@ from models.model_file import Model
 from models.shot import GRAVITY, Array
 from sysid.cli import main as run_cli
 from sysid.clips import Clip, ClipSet, read_clip_set
-from sysid.clips.noise import position_noise
+from sysid.clips.tracker.noise import position_noise
 from sysid.estimation.split import subset, training_clips
 
 STEP, FINE = 5e-4, 2e-4  # of MuJoCo's simulation [s]; with cushions twice that of the MJCF, ten in an impact

@@ -13,8 +13,8 @@ import numpy as np
 from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
+from sysid.vision.balls.colours.palette import default_palette
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import default_palette
 from sysid.vision.frames import Footage, FrameTimes, Pictures
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.report.player import NO_BALL, UNITS_PER_M, UNITS_PER_S
+from sysid.report.pictures.player import NO_BALL, UNITS_PER_M, UNITS_PER_S
 from tests.figures.pages import ROOT
 
 PICTURE = ROOT / "docs" / "pictures" / "real_shot.svg"

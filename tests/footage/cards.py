@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.shot import NOSE_HEIGHT, Table
-from sysid.vision.camera.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAILS, MARKER_SIZE_M, dictionary
+from sysid.vision.camera.printed.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAILS, MARKER_SIZE_M, dictionary
 from sysid.vision.camera.projection import Array, Camera, meet_plane
 
 PAPER, INK = 0.88, 0.06  # light of white and black

@@ -21,8 +21,8 @@ WATCHED = (
     "models.files", "models.model_file", "planner.scene", "planner.planning", "planner.launcher.cueing_map",
     "planner.launcher.execution", "robot.cueing.campaign", "robot.device.protocol", "robot.device.settings",
     "robot.learning.history", "robot.play", "sysid.clips.header", "sysid.clips.read", "sysid.clips.rows",
-    "sysid.estimation.solver.journal", "sysid.foreign", "sysid.new_effect", "sysid.vision.balls.palette",
-    "sysid.vision.camera.clicks",
+    "sysid.estimation.solver.journal", "sysid.foreign", "sysid.new_effect", "sysid.vision.balls.colours.palette",
+    "sysid.vision.camera.pictures.clicks",
 )  # fmt: skip
 with atheris.instrument_imports(include=list(WATCHED)):
     from tests.fuzz.readers import READERS, defect_of

@@ -38,8 +38,8 @@ from sysid.clips import read_clip_set
 from sysid.estimation.solver.journal import Journal
 from sysid.foreign.convert import ShotFile, Stated, import_files
 from sysid.new_effect import source_of
-from sysid.vision.balls.palette import read_palette
-from sysid.vision.camera.clicks import read_points
+from sysid.vision.balls.colours.palette import read_palette
+from sysid.vision.camera.pictures.clicks import read_points
 from sysid.vision.camera.projection import read_camera
 from sysid.vision.frames import Pictures, open_footage, read_picture
 from tests.fuzz.verbs import SEEDS, SERIES

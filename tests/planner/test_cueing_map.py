@@ -15,7 +15,7 @@ from models.analytic.cueing import squirt
 from models.errors import BadInput
 from models.mjcf.launcher import CUE_SPEED_RANGE
 from models.shot import Ball
-from planner.launcher.cueing_map import FORMAT, CueingMap, read_map, write_map
+from planner.launcher.cueing_map import MAP_FORMAT, CueingMap, read_map, write_map
 from planner.launcher.execution import Execution, read_execution
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CAMPAIGN_COLUMNS, CueShot, count_played, make_grid, read_campaign, run_campaign
@@ -233,7 +233,7 @@ def test_the_file_holds_the_map_and_the_planner_reads_it(tmp_path: Path, fitted:
     ("old", "new", "message"),
     [
         (
-            FORMAT,
+            MAP_FORMAT,
             "billiard-model/1",
             r"format = 'billiard-model/1' is unknown: this version reads format = \"billiard-cueing-map/1\"",
         ),

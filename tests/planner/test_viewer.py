@@ -22,7 +22,7 @@ from models.shot import Table
 from planner.cli.verbs import main
 from planner.cli.view import GivenStroke, Shown, setup, view
 from planner.example_environment import example_scene
-from planner.planning import FORMAT
+from planner.planning import PLAN_FORMAT
 from planner.scene import scene_dict
 from planner.viewer import RESET_KEY, STRIKE_KEY, Setup, ViewedWorld, watch
 from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS
@@ -125,7 +125,7 @@ def test_balls_and_strokes_come_from_scenes_plans_and_clips(tmp_path: Path) -> N
     file = tmp_path / "plan.json"
     file.write_text(
         json.dumps(
-            {"format": FORMAT, "scene": scene_dict(example_scene()), "stroke": plan, "launcher": {"swerve": 7e-5}}
+            {"format": PLAN_FORMAT, "scene": scene_dict(example_scene()), "stroke": plan, "launcher": {"swerve": 7e-5}}
         )
     )
     planned = setup_of(str(file), "--height", "0.004")
@@ -140,7 +140,7 @@ def test_a_plan_with_wrong_entries_is_named(tmp_path: Path) -> None:
     right = {"speed": 1.2, "azimuth": 0.4, "side": 0.001, "height": -0.003, "elevation": 0.11}
     file = tmp_path / "plan.json"
     for stroke, swerve in (({"speed": 1.2}, 0.0), (right | {"speed": "fast"}, 0.0), ([1], 0.0), (right, "x")):
-        plan = {"format": FORMAT, "scene": scene_dict(example_scene()), "stroke": stroke}
+        plan = {"format": PLAN_FORMAT, "scene": scene_dict(example_scene()), "stroke": stroke}
         file.write_text(json.dumps(plan | {"launcher": {"swerve": swerve}}))
         with pytest.raises(
             BadInput, match=r"plan\.json: (lacks|has a wrong entry:) .*; make it again with: planner plan"

@@ -234,14 +234,14 @@ def cases(count: int, noises: tuple[float, ...] = (1.0, 3.0, 6.0), seed: int = 0
 
 def main() -> int:
     """Print the errors."""
-    from robot.camera.align import CUE_ELEVATION
+    from models.mjcf.stroke import CUE_TILT
     from sysid.vision import cue_direction
 
     camera, off, pulls = camera_over(), [], []
     for case in cases(int(sys.argv[1]) if len(sys.argv) > 1 else 36):
         head = f"{case.name:36} {math.degrees(case.stick.azimuth):6.1f}"
         try:
-            line = cue_direction(case.picture, camera, np.array(case.stick.ball), CUE_ELEVATION)
+            line = cue_direction(case.picture, camera, np.array(case.stick.ball), CUE_TILT)
         except BadInput as error:
             print(f"{head}  {error}")
             continue

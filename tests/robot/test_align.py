@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from robot.camera.align import CUE_ELEVATION, align, turn_for
+from models.mjcf.stroke import CUE_TILT
+from robot.camera.align import align, turn_for
 from sysid.vision.camera.projection import Array
 from sysid.vision.cue.axis import CueAxis
 from sysid.vision.cue.line import CueLine, _raised, cue_direction
@@ -74,7 +75,7 @@ def test_cues_of_all_colours_everywhere() -> None:
     """Wooden, dark, pale; three noises; alone and in a launcher; a chalk line through the ball; soft shadows."""
     errors, pulls, beside = [], [], []
     for case in cases(24):
-        line = cue_direction(case.picture, CAMERA, np.array(case.stick.ball), CUE_ELEVATION)
+        line = cue_direction(case.picture, CAMERA, np.array(case.stick.ball), CUE_TILT)
         errors.append(off(line, case.stick.azimuth))
         pulls.append(errors[-1] / math.degrees(line.azimuth_sd))
         beside.append(line.offset - case.stick.left)
@@ -88,7 +89,7 @@ def test_cues_of_all_colours_everywhere() -> None:
 def test_the_elevation_matters_as_it_is_noted(ground: Light) -> None:
     stick = Stick(BALL, math.radians(75), left=0.005)
     seen = drawn(ground, stick)
-    line = cue_direction(seen, CAMERA, np.array(BALL), CUE_ELEVATION)
+    line = cue_direction(seen, CAMERA, np.array(BALL), CUE_TILT)
     higher = cue_direction(seen, CAMERA, np.array(BALL), RAISED + math.radians(1))
     lean = math.degrees(higher.azimuth - line.azimuth)
     assert f"{lean:+.2f} degrees" in line.noted[-1]
@@ -101,7 +102,7 @@ def test_the_elevation_matters_as_it_is_noted(ground: Light) -> None:
 
 def test_a_second_cue_is_told_of(ground: Light) -> None:
     sticks = [Stick(BALL, math.radians(a)) for a in (20, 140)]
-    line = cue_direction(drawn(ground, *sticks), CAMERA, np.array(BALL), CUE_ELEVATION)
+    line = cue_direction(drawn(ground, *sticks), CAMERA, np.array(BALL), CUE_TILT)
     assert min(abs(off(line, stick.azimuth)) for stick in sticks) < 0.1
     assert "another bar" in line.noted[0]
 
@@ -135,7 +136,7 @@ def test_the_cue_ball_is_found(ground: Light) -> None:
 @pytest.mark.parametrize("chalk", [None, BALL[0]], ids=["bare", "on a chalk line"])
 def test_no_cue(ground: Light, chalk: float | None) -> None:
     with pytest.raises(BadInput, match=r"no cue was found behind the ball at 0\.300, -0\.200 m; put it") as caught:
-        cue_direction(drawn(ground, line=chalk), CAMERA, np.array(BALL), CUE_ELEVATION)
+        cue_direction(drawn(ground, line=chalk), CAMERA, np.array(BALL), CUE_TILT)
     assert "\n" not in str(caught.value)
     with pytest.raises(BadInput, match="no cue"):
         align([drawn(ground)], CAMERA, 0.0, np.array(BALL), say=lambda text: None)

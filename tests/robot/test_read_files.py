@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from models.analytic.cue_impulse import Constants, Geometry
 from models.command_line import lone_command, run
-from models.contract import BALL, TABLE
+from models.contract.checks import BALL, TABLE
 from models.errors import BadInput
 from models.files.limits import MAX_DEPTH
 from models.model_file import full_model, read_model, write_model
@@ -30,7 +30,7 @@ from planner.planning import read_plan
 from planner.scene import read_scene
 from robot.device.settings import Settings, read_settings, write_settings
 from sysid.clips import read_clip_set
-from sysid.vision.balls.palette import read_palette
+from sysid.vision.balls.colours.palette import read_palette
 from sysid.vision.camera.projection import read_camera, write_camera
 from tests.footage.cameras import overhead
 from tests.support.clip_samples import make

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
+from models.mjcf.stroke import RUN_UP_M
 from planner.launcher import stroke as planned
 from robot.device import protocol
 from robot.device.protocol import LauncherStatus, Message, Reader, StopByte, StrokeLine, frame, stroke_line, unframe
@@ -18,7 +19,7 @@ from robot.emulator import firmware as fw
 from robot.emulator.firmware import Firmware
 from robot.emulator.paper import PaperFirmware
 from robot.emulator.stage import BACKLASH_UM
-from robot.emulator.stroke_motion import RUN_UP_M, paper_law
+from robot.emulator.stroke_motion import paper_law
 
 BODIES = st.text("ABCXYZ0123456789.- ", min_size=1, max_size=80)
 GARBAGE = st.binary(max_size=60)

@@ -206,7 +206,7 @@ def test_text_of_any_kind_stays_text(tmp_path: Path) -> None:
 
 
 def test_notes_over_the_picture_do_not_overlap() -> None:
-    from robot.learning.pictures import FIGURE_WIDTH_IN, _placed_notes
+    from robot.learning.misses import FIGURE_WIDTH_IN, _placed_notes
 
     notes, rows = _placed_notes(long_story(40, 4), FIGURE_WIDTH_IN)
     assert {text[2:] for *_, text in notes} == {

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from models.model_file import full_model
 from models.shot import Ball, Table, Track
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips.slow_noise import SlowNoise
+from sysid.clips.tracker.slow_noise import SlowNoise
 from sysid.residuals.comparison import ClipRow, Comparison, Group, SegmentRow
 from sysid.residuals.impacts import no_impacts
 from sysid.residuals.localise import find

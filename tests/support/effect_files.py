@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from models.contract import faults
+from models.contract.checks import faults
 from models.model_file import add_folder, effect_class
 
 

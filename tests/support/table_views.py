@@ -8,8 +8,9 @@ import numpy as np
 from models.console import Progress
 from models.shot import Table
 from sysid.cli.calibrate import calibrate as cli_calibrate
-from sysid.vision.camera.calibrate import Calibration, CameraHints, calibrate
+from sysid.vision.camera.calibrate import Calibration, calibrate
 from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.table.reading import CameraHints
 from tests.footage.film import Look, Picture, developed, table_picture
 
 DIAMETER = 0.0525

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import STILL, BallState, Effect, param
-
-MIN_FRICTION_SHARE = 0.05  # of the rolling resistance that is left at any heading
+from models.effect import MIN_FRICTION_SHARE, STILL, BallState, Effect, param
 
 
 @dataclass(frozen=True)

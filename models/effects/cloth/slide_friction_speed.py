@@ -10,10 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from models.effect import STILL, BallState, Effect, param
-
-REFERENCE_SLIP = 1.0  # slip at which the base's friction holds [m/s]
-MIN_FRICTION_SHARE = 0.05  # of the friction that is left at any slip
+from models.effect import MIN_FRICTION_SHARE, REFERENCE_SPEED, STILL, BallState, Effect, param
 
 
 @dataclass(frozen=True)
@@ -28,4 +25,4 @@ class SlideFrictionSpeed(Effect):
         """The friction's factor where a ball slides."""
         slip = math.sqrt(ball.slip_x * ball.slip_x + ball.slip_y * ball.slip_y)
         if slip > STILL:
-            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE_SLIP), MIN_FRICTION_SHARE)
+            ball.slide_factor *= max(1.0 - self.rate * (slip - REFERENCE_SPEED), MIN_FRICTION_SHARE)

@@ -11,10 +11,9 @@ import math
 from dataclasses import dataclass
 
 from models.compiled import compiled
-from models.effect import EDGE_OVERSHOOT_M, BallState, Effect, param
+from models.effect import EDGE_OVERSHOOT_M, MIN_FRICTION_SHARE, BallState, Effect, param
 from models.shot import Table
 
-MIN_FRICTION_SHARE = 0.05  # of the friction that is left within the patch
 NEWTON_STEPS = 4  # from the time of crossing at constant velocity to that at constant acceleration
 FIRST_RADIUS_M = 0.3  # of the patches that a search starts from [m]
 FIRST_SPACING = 1.5  # of their centres, over the radius: every place is well inside one

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from models.effect import Effect, ImpactState, param
-
-REFERENCE_SPEED = 1.0  # speed at which the base's restitution holds [m/s]
+from models.effect import REFERENCE_SPEED, Effect, ImpactState, param
 
 
 @dataclass(frozen=True)

@@ -222,8 +222,8 @@ def _background_of(geometry: ViewGeometry, picture: Image, smooth: Image, pictur
 
 def _uncovered(geometry: ViewGeometry, picture: Image, smooth: Image, pictures: Sequence[Picture], arms: Mask) -> Image:
     """The picture (h, w, 3) with the bed where arms (h, w) hide it most of the time, from pictures that show it."""
-    reach = math.ceil(geometry.radius(np.array(arms.shape[::-1]) / 2))  # an arm that moves has a blurred outline
-    near = cv2.dilate(arms.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
+    margin = math.ceil(geometry.radius(np.array(arms.shape[::-1]) / 2))  # an arm that moves has a blurred outline
+    near = cv2.dilate(arms.astype(np.uint8), np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)) > 0
     rows, columns = np.nonzero(near & geometry.bed)
     seen = np.stack([p[rows, columns] for p in pictures])
     off = np.array([np.abs(one - smooth[rows, columns]).max(axis=1) for one in seen])

@@ -34,7 +34,7 @@ NO_TABLE_GREY = 40.0  # from the colour of the shaded table, from which on a pix
 SKIN_PX = 1.5  # below the rim, where a ball of several colours shows those of the rim
 MIN_SHARE = 0.2  # of a pixel that shows a ball's colour: noise is that of the picture over it
 SURROUND_PX = 6.0  # beyond the disc that take part in a fit
-STEPS = 60  # of least squares, at most: far from the ball only its rim pulls a disc, by half a pixel a step
+MAX_FIT_STEPS = 60  # of least squares, at most: far from the ball only its rim pulls a disc, by half a pixel a step
 MAX_FITS = 6  # of a disc, each with the window around the place that the last one found,
 SAME_PLACE_PX = 0.3  # until it stays there
 RESIDUAL_LIMIT = 0.6  # of cover, from which on a pixel shows something else: the cue, a hand, a mark
@@ -44,7 +44,7 @@ SHADING_SD = 0.3  # of how much it rises from the middle of a disc to its rim, a
 UNSHADED_SD = 1e-6  # of a ball that is clipped
 CORRELATED_PX = 12.0  # pixels of a compressed picture whose errors are common
 SIZE_SD_FRACTION = 0.03  # of the radius, standard deviation
-SECTORS = 24  # of the rim, of which each is seen or not
+RIM_SECTORS = 24  # of the rim, of which each is seen or not
 RING_RADII = (0.72, 1.32)  # within and beyond the rim where a sector is judged
 MIN_CONTRAST = 0.4  # of cover across the rim, relative to that of the disc, of a sector that is seen
 MIN_RIM = {"new": 0.75, "small": 0.75, "known": 0.5, "swept": 0.5}  # a small ball of any colours, one that moved far
@@ -170,8 +170,8 @@ def cover_by(discs: Sequence[DiscFit], columns: Array, rows: Array) -> Image:
     """Cover of pixels in columns (n,) and rows (m,) by any of these discs: (m, n)."""
     free = np.ones((len(rows), len(columns)), np.float32)
     for disc in discs:
-        reach = np.abs(disc.motion) / 2 + disc.radius + swept_disc.RIM_REACH * swept_disc.RIM_BLUR_PX
-        i, j = (np.flatnonzero(np.abs(v - at) < r) for v, at, r in zip((columns, rows), disc.xy, reach, strict=True))
+        half = np.abs(disc.motion) / 2 + disc.radius + swept_disc.RIM_REACH * swept_disc.RIM_BLUR_PX
+        i, j = (np.flatnonzero(np.abs(v - at) < r) for v, at, r in zip((columns, rows), disc.xy, half, strict=True))
         x, y = np.meshgrid(columns[i] - disc.xy[0], rows[j] - disc.xy[1])
         free[np.ix_(j, i)] *= 1 - _cover_at(disc, x.ravel(), y.ravel()).reshape(x.shape)
     return np.asarray(1 - free)
@@ -183,8 +183,8 @@ def _cover_at(disc: DiscFit, x: Array, y: Array) -> Image:
 
 
 def fit_disc(
-    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float = 1.0, steps: int = STEPS,
-    others: Sequence[DiscFit] = (),
+    view: View, colour: Array | None, start: Array, radius: float, motion: Array, gain: float = 1.0,
+    steps: int = MAX_FIT_STEPS, others: Sequence[DiscFit] = (),
 ) -> DiscFit | None:  # fmt: skip
     """The disc of a ball near a pixel (2,) that moves by `motion` (2,) [pixels]; None where there is none.
 
@@ -192,7 +192,7 @@ def fit_disc(
     """
     motion, centre = np.asarray(motion, float), np.asarray(start, float)
     fit = None
-    for _ in range(MAX_FITS if steps == STEPS else 1):
+    for _ in range(MAX_FITS if steps == MAX_FIT_STEPS else 1):
         fit = _fit_around(view, colour, centre, radius, motion, gain, steps, others)
         if fit is None or math.hypot(*(fit.xy - centre)) < SAME_PLACE_PX:
             break
@@ -231,10 +231,12 @@ def _settled(
     sd = np.array([math.inf, math.inf, SIZE_SD_FRACTION * radius, HEIGHT_SD, shading_sd, shading_sd])
     prior = CORRELATED_PX * MIN_RESIDUAL**2 / sd**2
     matrix, sums = np.zeros((len(sd), len(sd))), np.zeros(6)
-    stayed, x, y, grown, height = swept_disc.settled(
-        np.ascontiguousarray(seen), corner.astype(float), np.array(start, float), radius, motion,
-        swept_disc.places(motion), gain, prior, radius + SURROUND_PX, RESIDUAL_LIMIT, steps, matrix, sums,
+    window = swept_disc.Window(
+        np.ascontiguousarray(seen), corner.astype(float), radius + SURROUND_PX, RESIDUAL_LIMIT
     )  # fmt: skip
+    disc = swept_disc.SweptDisc(radius, motion, swept_disc.places(motion), gain)
+    into = swept_disc.StepEquations(matrix, np.zeros(len(sd)), sums)
+    stayed, x, y, grown, height = swept_disc.settled(window, disc, np.array(start, float), prior, steps, into)
     if not stayed:
         return None
     noise = max(math.sqrt(sums[0] / max(sums[1], 1e-9)), MIN_RESIDUAL)
@@ -256,11 +258,11 @@ def acceptable(fit: DiscFit | None, kind: str, error: float = 0.0) -> bool:
 
 def _rim(view: View, colour: Array | None, fit: DiscFit, others: Sequence[DiscFit] = ()) -> float:
     """Fraction of the sectors of a rim where cover falls outwards, or other balls are around."""
-    angles = np.arange(SECTORS) * 2 * math.pi / SECTORS
+    angles = np.arange(RIM_SECTORS) * 2 * math.pi / RIM_SECTORS
     ways = np.column_stack([np.cos(angles), np.sin(angles)])
     ends = np.sign(ways @ fit.motion)[:, None] * fit.motion / 2
     h, w = view.picture.shape[:2]
-    values, others_there = [], np.zeros(SECTORS, bool)
+    values, others_there = [], np.zeros(RIM_SECTORS, bool)
     for part in RING_RADII:
         # A swept disc covers its two ends less; the flanks of its path are as sharp as at rest.
         places = np.rint(fit.xy + (ends if part > 1 else 0.5 * ends) + part * fit.radius * ways).astype(int)

@@ -15,6 +15,9 @@ import numpy as np
 
 from sysid.vision.balls.background import Background, View
 from sysid.vision.balls.candidates import candidates
+from sysid.vision.balls.colours.faces import ANY_BALL, face
+from sysid.vision.balls.colours.names import STRAY_LIGHT, names_by_faces
+from sysid.vision.balls.colours.palette import Palette, ball_colour, colour_distance
 from sysid.vision.balls.cover import DiscFit
 from sysid.vision.balls.discs import (
     Expected,
@@ -23,13 +26,11 @@ from sysid.vision.balls.discs import (
     core_colour,
     is_clear,
     known_disc,
+    learn_shutter,
     near_disc,
     new_discs,
-    tell,
 )
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
-from sysid.vision.balls.faces import ANY_BALL, face
-from sysid.vision.balls.names import STRAY_LIGHT, names_by_faces
 from sysid.vision.balls.outline_fit import (
     MIN_SEPARATION_RADII,
     OutlineFit,
@@ -38,7 +39,6 @@ from sysid.vision.balls.outline_fit import (
     plausible,
 )
 from sysid.vision.balls.packs import disc_at, searched
-from sysid.vision.balls.palette import Palette, ball_colour, colour_distance
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Picture
@@ -151,7 +151,7 @@ class Detector:
                 fit = known_disc(view, colour, one, fit, shutter, own, taken)
             detection = self._named_disc(view, one.name, fit, found)
             if fit is not None and detection:
-                tell(shutter, fit, one, colour)
+                learn_shutter(shutter, fit, one, colour)
                 taken.append(fit)
                 found += detection
         return found

@@ -17,6 +17,7 @@ import numpy as np
 
 from sysid.vision.balls.background import View
 from sysid.vision.balls.candidates import motion_blurred
+from sysid.vision.balls.colours.palette import colour_distance
 from sysid.vision.balls.cover import (
     DiscFit,
     acceptable,
@@ -29,7 +30,6 @@ from sysid.vision.balls.cover import (
 )
 from sysid.vision.balls.intruders import is_part
 from sysid.vision.balls.packs import Searched, apart, disc_at, searched, together, with_packs
-from sysid.vision.balls.palette import colour_distance
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.balls.view_geometry import Array, Image
 
@@ -42,10 +42,10 @@ SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain
 LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
 MAX_MOTION_ERROR_PX = 1.0  # of a sweep, beyond which a disc is fitted again with the motion of its first fit
 MAX_REFITS = 3  # of a disc, each with the motion of the fit before
-GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
+TRIED_GAINS = (1.0, 1.5, 2.5, 4.0)  # by which it is, tried until they are known
 RANKING_STEPS = 8  # of least squares, after which it is seen which of several fits is best,
 RANKING_MARGIN = 0.1  # and which have a misfit so far beyond the least that they will not become rivals
-EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
+TRIED_EXPOSURES = (0.25, 0.5, 0.75, 1.0)  # of the time between two frames, tried until it is known
 MIN_SWEEP_RADII = 0.4  # of a motion from which the exposure can be estimated
 MAX_UNEVENNESS = 0.25  # of such a step, relative to the one before
 MIN_SHUTTER_FITS = 4  # from which it is known
@@ -106,8 +106,8 @@ class Shutter:
     def tried(self, colour: Array | None) -> Sequence[tuple[float, float]]:
         """Fractions and gains to try with a ball of a colour (3,) blue, green, red [grey levels]."""
         fraction, gain = self.fraction, self.gain if is_white(colour) else 1.0
-        fractions = EXPOSURES if fraction is None else (fraction,)
-        gains = GAINS if gain is None else (gain,)
+        fractions = TRIED_EXPOSURES if fraction is None else (fraction,)
+        gains = TRIED_GAINS if gain is None else (gain,)
         return [(part, more) for part in fractions for more in gains]
 
 
@@ -266,7 +266,7 @@ def known_disc(
     return min((fit for fit in found if fit.misfit < least + MISFIT_MARGIN), key=away)
 
 
-def tell(shutter: Shutter, fit: DiscFit, expected: Expected, colour: Array | None) -> None:
+def learn_shutter(shutter: Shutter, fit: DiscFit, expected: Expected, colour: Array | None) -> None:
     """Add to the shutter what a fit shows of it, if anything."""
     # A ball that has just been struck or has struck another did not move evenly: it does not show the exposure.
     moved = math.hypot(*(fit.xy - (expected.xy - expected.step)))

@@ -14,7 +14,7 @@ from sysid.vision.balls.background import View
 from sysid.vision.balls.cover import not_table
 from sysid.vision.balls.view_geometry import Array, Mask
 
-AROUND = 48  # places about a ball that rests all the time,
+RING_PLACES = 48  # places about a ball that rests all the time,
 AROUND_RADII = 1.6  # so far from its centre,
 BESIDE_RADII = 1.3  # and so far from those of other balls, to be none of theirs,
 MAX_AROUND = 0.3  # of which show what comes in over a cushion: more, and it is a part of that
@@ -46,8 +46,8 @@ def shows(mask: Mask, pixels: Array) -> Mask:
 def is_part(intruders: Mask, view: View, xy: Array, others: Sequence[Array] = ()) -> bool:
     """Whether what seems a ball at a pixel (2,) goes on beyond its rim, and not as other balls beside it."""
     radius = view.geometry.radius(xy)
-    angles = np.arange(AROUND) * 2 * np.pi / AROUND
+    angles = np.arange(RING_PLACES) * 2 * np.pi / RING_PLACES
     ring = xy + AROUND_RADII * radius * np.column_stack([np.cos(angles), np.sin(angles)])
     beside = np.array([np.hypot(*(ring - other).T) < BESIDE_RADII * radius for other in others], bool)
-    covered = shows(intruders, ring) & ~beside.reshape(len(others), AROUND).any(axis=0)
+    covered = shows(intruders, ring) & ~beside.reshape(len(others), RING_PLACES).any(axis=0)
     return bool(covered.mean() > MAX_AROUND)

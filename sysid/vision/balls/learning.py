@@ -14,19 +14,19 @@ import numpy as np
 from models.errors import BadInput
 from models.messages import counted
 from sysid.vision.balls.background import Background, View, learn_background
+from sysid.vision.balls.colours.faces import are_patterned, face
+from sysid.vision.balls.colours.names import name_colours
+from sysid.vision.balls.colours.palette import LINK_DISTANCE, Palette, colour_distance, group_colours
 from sysid.vision.balls.cover import CLIPPED_GREY, DiscFit
 from sysid.vision.balls.detect import Detector, outline_colour
 from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
-from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.intruders import intruding, is_part
-from sysid.vision.balls.names import name_colours
 from sysid.vision.balls.outline_fit import (
     OutlineFit,
     balls,
     fit_outlines,
 )
-from sysid.vision.balls.palette import LINK_DISTANCE, Palette, colour_distance, group_colours
 from sysid.vision.balls.resting import resting_balls
 from sysid.vision.balls.view_geometry import Array, view_geometry
 from sysid.vision.camera.camera_motion import standing
@@ -49,7 +49,7 @@ MIN_EDGE_NOISE_GREY = 1.0
 ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
 MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
 MAX_UNSTEADY_PX = 0.08  # of balls at rest by their outlines, from which on discs are tried, and taken if they are
-STEADIER = 0.6  # by this factor, or at all and seen more often
+MAX_STEADY_RATIO = 0.6  # by this factor, or at all and seen more often
 MAX_RESTING_MOVE_PX = 1.5  # between pictures of a ball at rest
 MIN_RESTING_PICTURES = 3
 MIN_ROUGH_NOISE_GREY = 1.4  # that is assumed of pictures for this: compression removes noise
@@ -115,23 +115,34 @@ def learn_detector(
     counts = [(name, n) for name, (_, n) in zip(naming.names, frequent, strict=True) if name is not None]
     detector = Detector(background, optics, tuple(named), ())
     rough = len(found) >= OPTICS_OUTLINES and (small or _rough(optics, background.noise))
-    # How many outlines are seen again once the noise of edges is known.
-    held = 0 if rough else sum(len(detector._outlines(view)) for view in views)
-    unsteady = 0.0 if rough else unsteadiness(detector, pictures)
-    few = held < max(MIN_HELD_FRACTION * sum(n for _, n in counts), OPTICS_OUTLINES)
-    if rough or few or unsteady > MAX_UNSTEADY_PX:
-        by_discs, disc_counts = _rough_detector(detector, pictures, counts)
-        seen = sum(n for _, n in disc_counts)
-        better = MIN_HELD_FRACTION * seen > held
-        if unsteady > MAX_UNSTEADY_PX and not better:
-            same = {name for name, _ in by_discs.ball_colours} == {name for name, _ in detector.ball_colours}
-            better = same and steadier(unsteadiness(by_discs, pictures), unsteady, more=seen > held)
-        if by_discs.ball_colours and (rough or better):
-            detector, counts = by_discs, disc_counts
+    detector, counts = _outlines_or_discs(detector, pictures, views, counts, rough)
     notes = [f"{name}: seen in {n} of {len(views)} sampled frames" for name, n in counts]
     notes += [doubt for doubt in naming.doubts if len(detector.ball_colours) == len(named)]
     notes += _warnings(detector, [fit for _, fit in found], resting, lights)
     return replace(detector, notes=(*moved, *notes))
+
+
+def _outlines_or_discs(
+    detector: Detector, pictures: Sequence[Picture], views: Sequence[View], counts: list[tuple[str, int]], rough: bool
+) -> tuple[Detector, list[tuple[str, int]]]:
+    """The detector that sees balls by their outlines, or one by discs where these are seen more often or are steadier.
+
+    `counts`: in how many pictures each ball is seen by its outline; those of the detector that is taken go with it.
+    `rough`: whether edges are too rough for outlines, whatever these show.
+    """
+    # How many outlines are seen again once the noise of edges is known.
+    held = 0 if rough else sum(len(detector._outlines(view)) for view in views)
+    unsteady = 0.0 if rough else unsteadiness(detector, pictures)
+    few = held < max(MIN_HELD_FRACTION * sum(n for _, n in counts), OPTICS_OUTLINES)
+    if not (rough or few or unsteady > MAX_UNSTEADY_PX):
+        return detector, counts
+    by_discs, disc_counts = _rough_detector(detector, pictures, counts)
+    seen = sum(n for _, n in disc_counts)
+    better = MIN_HELD_FRACTION * seen > held
+    if unsteady > MAX_UNSTEADY_PX and not better:
+        same = {name for name, _ in by_discs.ball_colours} == {name for name, _ in detector.ball_colours}
+        better = same and steadier(unsteadiness(by_discs, pictures), unsteady, more=seen > held)
+    return (by_discs, disc_counts) if by_discs.ball_colours and (rough or better) else (detector, counts)
 
 
 def _no_arms(view: View, found: Sequence[OutlineFit]) -> list[OutlineFit]:
@@ -219,7 +230,7 @@ def steadier(discs: float, outlines: float, *, more: bool) -> bool:
 
     Where they are seen in `more` pictures it is enough that they are steadier; else they must be far steadier.
     """
-    return discs < (1.0 if more else STEADIER) * outlines
+    return discs < (1.0 if more else MAX_STEADY_RATIO) * outlines
 
 
 def unsteadiness(detector: Detector, pictures: Sequence[Picture]) -> float:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.vision.balls.background import View
+from sysid.vision.balls.colours.palette import Palette
 from sysid.vision.balls.discs import new_discs
 from sysid.vision.balls.edges import Optics
 from sysid.vision.balls.intruders import intruding, is_part
 from sysid.vision.balls.outline_fit import MIN_FOREGROUND, balls
-from sysid.vision.balls.palette import Palette
 from sysid.vision.balls.view_geometry import Array
 
 

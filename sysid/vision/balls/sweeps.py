@@ -19,7 +19,7 @@ from sysid.vision.balls.background import View
 from sysid.vision.balls.cover import DiscFit, covered
 from sysid.vision.balls.view_geometry import Array, Image
 
-DIRECTIONS = 144  # of rays; what lies between two of them is half a radius from one at most at 23 radii
+RAY_DIRECTIONS = 144  # of rays; what lies between two of them is half a radius from one at most at 23 radii
 STEPS_PER_RADIUS = 3  # along a ray
 ACROSS_RADII = (-0.55, 0.0, 0.55)  # on a strip,
 BESIDE_RADII = (-1.5, 1.5)  # and beside it
@@ -31,7 +31,7 @@ SPREAD_RADII = 1.0  # between the middles of two different strips
 MIN_LENGTH_RADII = 2.2  # of a strip where half of the most is shown; a ball that stays shows two
 
 
-class Strip(NamedTuple):
+class SweptStrip(NamedTuple):
     """What a ball covers that moves far during the exposure."""
 
     xy: Array  # (2,) its middle [pixels]
@@ -40,7 +40,7 @@ class Strip(NamedTuple):
 
 def strips(
     view: View, colour: Array | None, origin: Array, radius: float, search_radius: float, taken: Sequence[DiscFit]
-) -> list[Strip]:  # fmt: skip
+) -> list[SweptStrip]:  # fmt: skip
     """Strips of a colour (3,) from a pixel (2,) on, within `search_radius` [pixels] of it, the clearest first.
 
     None where that is wholly out of the picture.
@@ -48,7 +48,7 @@ def strips(
     shown, corner = _shown(view, colour, origin, search_radius + 2 * radius, radius, taken)
     if not shown.size:
         return []
-    angles = np.arange(DIRECTIONS) * 2 * math.pi / DIRECTIONS
+    angles = np.arange(RAY_DIRECTIONS) * 2 * math.pi / RAY_DIRECTIONS
     along = np.arange(1, math.ceil(STEPS_PER_RADIUS * search_radius / radius) + 1) * radius / STEPS_PER_RADIUS
     score = _on(shown, origin - corner, angles, along, radius, ACROSS_RADII).min(axis=0)
     score -= _on(shown, origin - corner, angles, along, radius, BESIDE_RADII).max(axis=0)
@@ -63,10 +63,10 @@ def strips(
         length = along[last] - along[first] + radius / STEPS_PER_RADIUS
         if length > MIN_LENGTH_RADII * radius:
             found.append((total, origin + (along[first] + along[last]) / 2 * way, length * way))
-    kept: list[Strip] = []
+    kept: list[SweptStrip] = []
     for _, middle, motion in sorted(found, key=lambda one: -one[0]):
         if all(np.hypot(*(middle - other.xy)) > SPREAD_RADII * radius for other in kept):
-            kept.append(Strip(middle, motion))
+            kept.append(SweptStrip(middle, motion))
     return kept[:MAX_STRIPS]
 
 

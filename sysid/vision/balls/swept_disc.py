@@ -8,6 +8,7 @@ cost anything there.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,36 @@ MAX_GROWTH = 0.15  # of the radius
 MAX_MOVE_RADII = 0.5  # of the centre in a step
 MAX_AWAY_RADII = 1.2  # from where it starts, beside its motion
 UNKNOWNS = 6  # centre along the path and across it, radius, height, shading along and across
+
+
+class Window(NamedTuple):
+    """The picture that a disc is fitted to."""
+
+    seen: Image  # cover (rows, columns)
+    corner: Array  # (2,) its first pixel
+    radius: float  # within which pixels count, about the disc's path [pixels]
+    limit: float  # of residuals
+
+
+class SweptDisc(NamedTuple):
+    """A disc on its path, whose radius is yet to grow."""
+
+    radius: float  # [pixels]
+    motion: Array  # (2,) [pixels]
+    places: int  # on its path
+    gain: float  # times its cover
+
+
+class StepEquations(NamedTuple):
+    """Least squares for steps of the unknowns, and what they rest on.
+
+    The sums are the weighted squares and weights of all residuals, the squares and number of those that the disc
+    covers, and the squares and number of all, each at most at the limit.
+    """
+
+    matrix: Array  # (6, 6)
+    right: Array  # (6,)
+    sums: Array  # (6,)
 
 
 def places(motion: Array) -> int:
@@ -84,21 +115,41 @@ def _swept(
 
 
 @compiled
-def _normal_equations(
-    seen: Image, x0: float, y0: float, radius: float, motion: Array, gain: float, shading: Array, window_radius: float,
-    count: int, limit: float, matrix: Array, right: Array, sums: Array,
-) -> None:  # fmt: skip
-    """Least squares of a swept disc against cover (rows, columns), whose first pixel lies at (x0, y0) from its middle.
+def _gained(
+    a: float, b: float, radius: float, length: float, disc: SweptDisc
+) -> tuple[float, float, float, float, float, float]:
+    """The same with the gain of a disc, whose cover ends at 1."""
+    gain = disc.gain
+    model, d0, d1, d2, d4, d5 = _swept(a, b, radius, length, disc.places)
+    if gain * model > 1.0:
+        return 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if gain != 1.0:
+        return gain * model, gain * d0, gain * d1, gain * d2, gain * d4, gain * d5
+    return model, d0, d1, d2, d4, d5
 
-    `shading` (2,) is how much its cover rises from the middle to the rim, along the path and across it. Fills the
-    matrix (6, 6) and right side (6,) for steps of the unknowns, with Tukey's biweight, and `sums` (6,): the weighted
-    squares and weights of all residuals, the squares and number of those that the disc covers, and the squares and
-    number of all, each at most at the limit.
+
+@compiled
+def _fill(into: StepEquations, lower: tuple[float, ...], right: tuple[float, ...], sums: tuple[float, ...]) -> None:
+    """Fill equations, the matrix from its lower triangle, row by row."""
+    k = 0
+    for m in range(UNKNOWNS):
+        into.right[m], into.sums[m] = right[m], sums[m]
+        for n in range(m + 1):
+            into.matrix[m, n] = into.matrix[n, m] = lower[k]
+            k += 1
+
+
+@compiled
+def _normal_equations(
+    window: Window, x0: float, y0: float, disc: SweptDisc, grown: float, shading: Array, into: StepEquations
+) -> None:
+    """Least squares of a swept disc, `grown` so much, against a window whose first pixel is (x0, y0) from its middle.
+
+    `shading` (2,): by how much its cover rises to the rim, along the path and across it. Tukey's biweight weighs.
     """
-    matrix[:] = 0.0
-    right[:] = 0.0
-    length, cosine, sine = _path(motion)
-    window, rim = window_radius * window_radius, (radius + RIM_REACH * RIM_BLUR_PX) ** 2
+    seen, limit, radius = window.seen, window.limit, disc.radius + grown
+    length, cosine, sine = _path(disc.motion)
+    inside, rim = window.radius * window.radius, (radius + RIM_REACH * RIM_BLUR_PX) ** 2
     squares = weights = covered_squares = capped = 0.0
     covered = counted = 0
     # Scalars stay in registers, arrays do not: this loop is most of the time that tracking takes.
@@ -110,15 +161,11 @@ def _normal_equations(
             a, b = u * cosine + v * sine, v * cosine - u * sine
             beyond = max(abs(a) - length / 2, 0.0)
             distance = beyond * beyond + b * b
-            if distance >= window:
+            if distance >= inside:
                 continue
             d0 = d1 = d2 = model = d4 = d5 = 0.0
             if distance < rim:
-                model, d0, d1, d2, d4, d5 = _swept(a, b, radius, length, count)
-                if gain * model > 1.0:
-                    model, d0, d1, d2, d4, d5 = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                elif gain != 1.0:
-                    model, d0, d1, d2, d4, d5 = gain * model, gain * d0, gain * d1, gain * d2, gain * d4, gain * d5
+                model, d0, d1, d2, d4, d5 = _gained(a, b, radius, length, disc)
             residual = seen[j, i] - model - shading[0] * d4 - shading[1] * d5
             square = residual * residual
             capped += min(square, limit * limit)
@@ -148,45 +195,31 @@ def _normal_equations(
             m30, m31, m32 = m30 + w3 * d0, m31 + w3 * d1, m32 + w3 * d2
             m40, m41, m42 = m40 + w4 * d0, m41 + w4 * d1, m42 + w4 * d2
             m50, m51, m52 = m50 + w5 * d0, m51 + w5 * d1, m52 + w5 * d2
-    right[0], right[1], right[2], right[3], right[4], right[5] = r0, r1, r2, r3, r4, r5
-    matrix[0, 0], matrix[1, 0], matrix[1, 1], matrix[2, 0], matrix[2, 1], matrix[2, 2] = m00, m10, m11, m20, m21, m22
-    matrix[3, 0], matrix[3, 1], matrix[3, 2], matrix[3, 3] = m30, m31, m32, m33
-    matrix[4, 0], matrix[4, 1], matrix[4, 2], matrix[4, 3], matrix[4, 4] = m40, m41, m42, m43, m44
-    matrix[5, 0], matrix[5, 1], matrix[5, 2], matrix[5, 3], matrix[5, 4], matrix[5, 5] = m50, m51, m52, m53, m54, m55
-    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = (
-        squares,
-        weights,
-        covered_squares,
-        covered,
-        capped,
-        counted,
-    )
-    for m in range(UNKNOWNS):
-        for n in range(m):
-            matrix[n, m] = matrix[m, n]
+    lower = (
+        m00, m10, m11, m20, m21, m22, m30, m31, m32, m33, m40, m41, m42, m43, m44, m50, m51, m52, m53, m54, m55,
+    )  # fmt: skip
+    sums = (squares, weights, covered_squares, float(covered), capped, float(counted))
+    _fill(into, lower, (r0, r1, r2, r3, r4, r5), sums)
 
 
 @compiled
 def settled(
-    seen: Image, corner: Array, start: Array, radius: float, motion: Array, count: int, gain: float, prior: Array,
-    window_radius: float, limit: float, steps: int, matrix: Array, sums: Array,
-) -> tuple[bool, float, float, float, float]:  # fmt: skip
-    """Fit a swept disc to cover (rows, columns), whose first pixel is `corner` (2,), from a pixel (2,).
+    window: Window, disc: SweptDisc, start: Array, prior: Array, steps: int, into: StepEquations
+) -> tuple[bool, float, float, float, float]:
+    """Fit a swept disc to a window, from a pixel (2,).
 
     `prior` (6,) is the inverse of the variances of the unknowns about none. Returns whether it stayed, its centre,
-    by how much it has grown, and its height; fills the matrix (6, 6) of the last step, and `sums` (6,).
+    by how much it has grown, and its height; leaves the equations of the last step.
     """
-    right, step = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+    corner, radius, motion, (matrix, right, _) = window.corner, disc.radius, disc.motion, into
+    step = np.zeros(UNKNOWNS)
     shading, held = np.zeros(2), np.zeros(UNKNOWNS)
     x, y, grown, height = start[0], start[1], 0.0, 1.0
     step_gain, before_a, before_b = MAX_STEP_GAIN, 0.0, 0.0
     _, cosine, sine = _path(motion)
     away = MAX_AWAY_RADII * radius + max(abs(motion[0]), abs(motion[1]))
     for _ in range(steps):
-        _normal_equations(
-            seen, corner[0] - x, corner[1] - y, radius + grown, motion, gain, shading, window_radius, count, limit,
-            matrix, right, sums,
-        )  # fmt: skip
+        _normal_equations(window, corner[0] - x, corner[1] - y, disc, grown, shading, into)
         held[2], held[4], held[5] = grown, shading[0], shading[1]
         for m in range(UNKNOWNS):
             matrix[m, m] += prior[m] + RIDGE_WEIGHT

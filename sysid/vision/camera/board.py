@@ -21,7 +21,7 @@ MAX_FOCAL_SD = 0.03  # of the focal length, relative
 MAX_CORNER_RMS_PX = 1.0  # reprojection error of the corners
 INITIAL_FOV_DEG = 60.0
 MIN_CORNERS = 6  # of a view: twice as many equations as its pose has unknowns
-DICTIONARIES = tuple(  # of markers, in families whose smaller sets begin alike
+MARKER_DICTIONARIES = tuple(  # of markers, in families whose smaller sets begin alike
     getattr(cv2.aruco, f"DICT_{name}")
     for name in ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL", "APRILTAG_36h11")
 )
@@ -140,7 +140,7 @@ def _charuco(board: Board, marker: float, greys: Sequence[NDArray[np.uint8]]) ->
     if not 0 < marker < board.square:
         raise BadInput(f"--board-marker {marker:g}: markers lie within squares, of {board.square:g} m; measure both")
     best, most = None, 0
-    for name in DICTIONARIES:
+    for name in MARKER_DICTIONARIES:
         known = cv2.aruco.getPredefinedDictionary(name)
         codes = known.bytesList[: board.columns * board.rows // 2]  # each white square has one
         dictionary = cv2.aruco.Dictionary(codes, known.markerSize, known.maxCorrectionBits)

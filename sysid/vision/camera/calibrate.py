@@ -21,31 +21,26 @@ from numpy.typing import NDArray
 
 from models.errors import BadInput
 from models.shot import RAIL_NAMES, Table
-from sysid.vision.camera import table_edges, table_lines
-from sysid.vision.camera.ball_outlines import NO_BALLS, BallOutlines, find_balls
-from sysid.vision.camera.board import Lens
-from sysid.vision.camera.cloth_end import cloth_ends
-from sysid.vision.camera.diamonds import NO_DIAMONDS, Diamonds, find_diamonds
-from sysid.vision.camera.edge_blur import blur_notes
-from sysid.vision.camera.evidence import CUSHION_WIDTHS_M, MIN_LEAD, evidence, evidence_doubts, unsure
 from sysid.vision.camera.final_lens import MAX_FITTED_FOCAL_SD, with_lens
-from sysid.vision.camera.first_view import CLOTH_MARGIN_M, first_view, initial_camera, sides_of
-from sysid.vision.camera.marker_camera import MIN_MARKERS, MarkerView, marker_notes, marker_view
-from sysid.vision.camera.markers import MARKER_SIZE_M, Markers, find_markers, no_markers
-from sysid.vision.camera.near_view import CUSHION_REACH_M, MIN_REACH_M, cloth_sides, corners_compared, on_noses
-from sysid.vision.camera.noses import (
+from sysid.vision.camera.pose import CameraFit
+from sysid.vision.camera.printed.marker_camera import MIN_MARKERS, marker_notes, marker_view
+from sysid.vision.camera.printed.markers import Markers, find_markers
+from sysid.vision.camera.projection import MIN_FOCAL_PX, Camera
+from sysid.vision.camera.table.ball_outlines import NO_BALLS, BallOutlines
+from sysid.vision.camera.table.cloth_end import cloth_ends
+from sysid.vision.camera.table.diamonds import NO_DIAMONDS, Diamonds
+from sysid.vision.camera.table.edge_blur import blur_notes
+from sysid.vision.camera.table.evidence import CUSHION_WIDTHS_M, evidence, evidence_doubts
+from sysid.vision.camera.table.first_view import initial_camera
+from sysid.vision.camera.table.near_view import corners_compared
+from sysid.vision.camera.table.noses import (
     CLOTH_EDGE_M,
-    CLOTH_END_SEARCH_M,
     CushionReading,
     TableEvidence,
-    read_noses,
-    what_is_seen,
-    with_rival,
 )
-from sysid.vision.camera.pose import CameraFit
-from sysid.vision.camera.projection import MIN_FOCAL_PX, Array, Camera
-from sysid.vision.camera.side_points import fitted_to_edges, side_edges
-from sysid.vision.camera.table_edges import Edge
+from sysid.vision.camera.table.reading import NO_HINTS, CameraHints, TablePicture, first_fit, from_corners, read_table
+from sysid.vision.camera.table.side_points import fitted_to_edges, side_edges
+from sysid.vision.camera.table.weighed_sides import weighed
 from sysid.vision.camera.trust import (
     FOCAL_ERROR,
     TABLE_SIZE_REMEDY,
@@ -58,7 +53,6 @@ from sysid.vision.camera.trust import (
     tilt,
     uncertainty,
 )
-from sysid.vision.camera.weighed_sides import weighed
 
 MAX_CUSHION_SPREAD_M = 8e-3  # of the widths of the cushions, up to which edges may be noses
 ONLY_EDGE = "the end of the cloth, the only edge seen"
@@ -110,32 +104,8 @@ class Calibration:
         return {RAIL_NAMES[k]: self.lines.rms_of(k) for k in range(4) if (self.lines.rails == k).any()}
 
 
-@dataclass(frozen=True)
-class CameraHints:
-    """What is known of a camera before its calibration."""
-
-    fov: float | None = None  # field of view across the longer side of the picture [degrees]
-    lens: Lens | None = None  # from a board
-    corners: Array | None = None  # (4, 2) intersections of the nose lines, in any order [pixels]; see `calibrate`
-    hold: bool = False  # whether these corners hold: what is found must go with them
-    sees: Sequence[str] = RAIL_NAMES  # rails in the picture
-    marker_size: float = MARKER_SIZE_M  # side of printed markers [m]
-
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """Intrinsic parameters to fit."""
-        if self.lens:
-            return ()
-        return ("k1",) if self.fov else ("k1", "focal")
-
-    @property
-    def focal_from(self) -> str:
-        """Origin of a focal length that was not fitted."""
-        return "board" if self.lens else "given" if self.fov else "assumed"
-
-
 def calibrate(
-    picture: NDArray[np.generic], table: Table, diameter: float, hints: CameraHints = CameraHints(), *,
+    picture: NDArray[np.generic], table: Table, diameter: float, hints: CameraHints = NO_HINTS, *,
     stills: Sequence[NDArray[np.uint8]] = (), source: str = "", progress: Callable[[str], None] = lambda line: None,
 ) -> Calibration:  # fmt: skip
     """Calibrate a camera from a picture of the table.
@@ -165,13 +135,22 @@ def calibrate(
             return alone
     progress("finding the table")
     held = np.asarray(hints.corners, float) if hints.hold and hints.corners is not None else np.zeros((0, 2))
-    scene = _Scene(light, stills, markers, view, view is None and hints.corners is not None, held)
-    first = _first(scene, start, hints)
+    scene = TablePicture(light, stills, markers, view, view is None and hints.corners is not None, held)
+    first = first_fit(scene, start, hints)
     progress("finding the noses of the cushions")
-    first, seen, reading = _read(scene, first, unknown, float(start.matrix[0, 0]))
+    first, seen, reading = read_table(scene, first, unknown, float(start.matrix[0, 0]))
     if reading is None:
-        first = _from_corners(start, hints) if scene.by_hand else first
+        first = from_corners(start, hints) if scene.by_hand else first
         return _without_edges(first, scene, hints.focal_from, source)
+    return _calibrated(scene, first, seen, reading, hints, source, progress)
+
+
+def _calibrated(
+    scene: TablePicture, first: CameraFit, seen: TableEvidence, reading: CushionReading, hints: CameraHints,
+    source: str, progress: Callable[[str], None],
+) -> Calibration:  # fmt: skip
+    """The camera that fits the edges of a reading best, and what speaks for it and against it."""
+    unknown = hints.unknown
     edge, warnings = _edge_taken(seen, reading, first) if not scene.near else (scene.near, [])
     sides = side_edges(reading, seen, first.camera, scene.agreeing)
     points = fitted_to_edges(scene.light, reading.camera, sides, unknown, progress)
@@ -186,7 +165,7 @@ def calibrate(
     notes, of_sides = _side_left_out(lines, first, reading, scene)
     warnings = [*warnings, *doubts(lines, by_sides, edge == ONLY_EDGE), *evidence_doubts(lines.camera, seen, reading)]
     notes, warnings = [*notes, *blur_notes(points.shifts)], [*warnings, *of_sides]
-    said, against = marker_notes(lines.camera, markers, view, len(reading.noses))
+    said, against = marker_notes(lines.camera, scene.markers, scene.view, len(reading.noses))
     shifts, apart_sd = parallax(lines), _apart_sd(lines, reading, hints)
     if not found and hints.focal_from == "assumed" and not len(seen.diamonds.pixels) + len(seen.markers):
         warnings += assumed_focal_doubts(shifts[0], reading.focal_sd, uncertainty(lines)[0])
@@ -200,60 +179,8 @@ def calibrate(
         "found" if found else hints.focal_from, hints.lens.focal_sd if hints.lens else focal_sd, edge,
         uncertainty(lines), shifts, apart_sd,
         (*notes, *said, *evidence(lines.camera, seen, reading), *oblique_notes(lines.camera)),
-        seen.diamonds, seen.balls, reading.diamond_margin, markers,
+        seen.diamonds, seen.balls, reading.diamond_margin, scene.markers,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """What is looked at, and what is known of it before its edges are."""
-
-    light: NDArray[np.float32]
-    stills: Sequence[NDArray[np.uint8]]
-    markers: Markers
-    view: MarkerView | None  # from those markers that agree
-    by_hand: bool  # whether corners given by hand are the start
-    held: Array  # (4, 2) of these, where they hold [pixels]; (0, 2) else
-
-    @property
-    def near(self) -> str:
-        """What the noses are looked for near to; nothing where the outline of the cloth is known."""
-        return "those beside the markers" if self.view else ""
-
-    @property
-    def agreeing(self) -> Markers:
-        """The markers that agree."""
-        return self.markers.where(self.view.used) if self.view else no_markers(self.markers.table)
-
-
-def _first(scene: _Scene, start: Camera, hints: CameraHints) -> CameraFit:
-    """An initial camera: from markers, from corners given by hand, or from the outline of the cloth."""
-    if scene.view is not None:
-        return on_noses(scene.view.camera, [RAIL_NAMES.index(name) for name in hints.sees])
-    unknown = hints.unknown
-    if hints.corners is not None:
-        rough = _from_corners(start, hints)
-        if hints.hold:
-            return dataclasses.replace(rough, margin=CLOTH_MARGIN_M)
-        sides, seen = cloth_sides(scene.light, rough)
-        return first_view(start, sides, hints.sees, unknown, False) if seen else rough
-    picture = np.rint(scene.light).astype(np.uint8)
-    region = table_lines.cloth(picture)
-    sides = table_lines.sides(region)
-    if len(sides) < len(hints.sees) and (cut := table_lines.cut_off(region)):
-        text = f"the cloth extends beyond the {' and the '.join(cut)} of the picture: film all of it with its frame"
-        raise BadInput(f"{text}, or give --corners, or --sees if only three sides are in view")
-    first = first_view(start, sides, hints.sees, unknown, False)
-    if table_lines.RIM_LOST_PX * float(first.camera.eye[2]) / first.camera.matrix[0, 0] > CLOTH_END_SEARCH_M:
-        first = first_view(start, table_lines.at_edges(sides, picture), hints.sees, unknown, False)
-    return first
-
-
-def _from_corners(start: Camera, hints: CameraHints) -> CameraFit:
-    """A camera from the corners given alone."""
-    sides = sides_of(np.asarray(hints.corners, float), len(hints.sees))
-    free = hints.unknown[-1:] if hints.hold else hints.unknown[:1]  # four corners that hold determine the focal length
-    return first_view(start, sides, hints.sees, free, True)
 
 
 def _apart_sd(lines: CameraFit, reading: CushionReading, hints: CameraHints) -> float:
@@ -266,7 +193,7 @@ def _apart_sd(lines: CameraFit, reading: CushionReading, hints: CameraHints) -> 
 
 
 def _side_left_out(
-    lines: CameraFit, first: CameraFit, reading: CushionReading, scene: _Scene
+    lines: CameraFit, first: CameraFit, reading: CushionReading, scene: TablePicture
 ) -> tuple[list[str], list[str]]:
     """What is to be said of a side at which no nose was found, and what it makes doubtful."""
     fitted = {*lines.rails.tolist()}
@@ -300,64 +227,6 @@ def _unaided(
     return dataclasses.replace(found, notes=(*found.notes, *notes))
 
 
-def _read(
-    scene: _Scene, first: CameraFit, unknown: tuple[str, ...], focal: float
-) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
-    """The first view, what is seen from it, and the likeliest reading.
-
-    Where a side shows no nose, what is seen does not go together, or another reading is about as likely, the cloth may
-    have seemed to end elsewhere, as a cushion in the dark has not its colour: what is seen from the camera of the
-    reading, and from that of its rival, is then read again.
-    """
-    near = bool(scene.near)
-    first, seen, reading = _look(scene, first, unknown, focal)
-    if reading is not None and (near or len(reading.noses) < len(seen.edges) or unsure(seen, reading)):
-        margin = 0.0 if near else reading.cushion_width
-        if not near and not CUSHION_WIDTHS_M[0] < margin < CUSHION_WIDTHS_M[1]:  # drawn to what is no end of the cloth
-            margin = CLOTH_MARGIN_M
-        unclear = reading.lead < MIN_LEAD and not near
-        cameras = [reading.camera, *([reading.rival] if unclear and reading.rival is not None else [])]
-        looks = [_look(scene, dataclasses.replace(first, camera=one, margin=margin), unknown, focal) for one in cameras]
-        first, seen, reading = looks[0]
-        for other_first, other_seen, other in looks[1:]:
-            if reading is None or (other is not None and other.total < reading.total):
-                first, seen, reading, other = other_first, other_seen, other, reading
-            reading = with_rival(reading, other)
-    if reading is None and not (near or scene.by_hand):
-        raise BadInput("the noses cannot be distinguished from the bed; give --corners, or light the table evenly")
-    return first, seen, reading
-
-
-def _look(
-    scene: _Scene, first: CameraFit, unknown: tuple[str, ...], focal: float
-) -> tuple[CameraFit, TableEvidence, CushionReading | None]:
-    """A first view, what is seen from it, and its likeliest reading."""
-    seen = _seen(scene, first)
-    return first, seen, read_noses(first.camera, seen, np.inf if scene.near else first.margin, unknown, focal)
-
-
-def _seen(scene: _Scene, first: CameraFit) -> TableEvidence:
-    """What the picture, and single frames of it, show of the table."""
-    if scene.near:
-        low, high, margin, search = -MIN_REACH_M, CUSHION_REACH_M, CUSHION_REACH_M / 2, CUSHION_REACH_M / 4
-    else:
-        margin, search = first.margin, CLOTH_END_SEARCH_M
-        low, high = margin - table_edges.INWARD_SEARCH_M, margin + table_edges.OUTWARD_SEARCH_M
-    edges: dict[int, list[Edge]] = {}
-    for rail in dict.fromkeys(first.rails.tolist()):
-        farthest = table_edges.visible_extent(first.camera, rail, low, margin, high)
-        strip = table_edges.strip(scene.light, first.camera, rail, low, farthest)
-        edges[rail] = table_edges.edges(strip) if strip is not None else []
-    # Cards lie over diamonds, and their cells look like some.
-    diamonds = NO_DIAMONDS if scene.near else find_diamonds(scene.light, first.camera, margin)
-    try:
-        balls = find_balls([np.rint(scene.light).astype(np.uint8), *scene.stills], first.camera)
-    except BadInput:  # the corners are known, but the cloth cannot be identified
-        balls = NO_BALLS
-    seen = what_is_seen(first.camera, edges, margin, diamonds, balls, scene.agreeing, search)
-    return dataclasses.replace(seen, corners=scene.held)
-
-
 def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) -> tuple[str, list[str]]:
     """A description of the edges that are taken as noses, and doubts about them."""
     outline = first.margin
@@ -377,7 +246,7 @@ def _edge_taken(seen: TableEvidence, reading: CushionReading, first: CameraFit) 
     return "the end of the cloth", [f"{text}, though they look like the noses: {TABLE_SIZE_REMEDY}"]
 
 
-def _without_edges(first: CameraFit, scene: _Scene, focal_from: str, source: str) -> Calibration:
+def _without_edges(first: CameraFit, scene: TablePicture, focal_from: str, source: str) -> Calibration:
     """The result where no noses are found: never to be trusted, as nothing shows how good corners or markers are."""
     what = "4 corners by hand" if scene.by_hand else f"{len(scene.agreeing)} markers"
     camera = dataclasses.replace(first.camera, residual_m=first.rms, source=f"{what}, from {source}")

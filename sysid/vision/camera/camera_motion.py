@@ -22,7 +22,7 @@ from sysid.vision.camera.projection import SIDE_PROFILES, Array, Camera
 from sysid.vision.frames import Frame, Picture
 
 # Places between diamonds, which are at eighths, and away from pockets; in lengths of a side.
-PLACES = np.array([5, 7, 9, 11, 13, 19, 21, 23, 25, 27]) / 32
+PLACE_SHARES = np.array([5, 7, 9, 11, 13, 19, 21, 23, 25, 27]) / 32
 STEP_M = 2.5e-3  # of a profile,
 INSIDE_M = 0.03  # which begins so far inside of the nose
 SEARCH_M = 0.06  # farther in or out, where a profile is looked for
@@ -39,7 +39,7 @@ MIN_SIDE = 5  # that show something, for a side to count
 MAX_RESIDUAL_PX = 1.0  # of that pose, rms
 MIN_SHIFT_M, MIN_SHIFT_PX = 0.15e-3, 0.1  # of the middle one of the places, below which the camera stands as it did
 SETTLED_M = 1e-3  # of the pose found: farther off, the profiles are looked for once more, from there
-ROUNDS = 4  # of this, at most
+MAX_ROUNDS = 4  # of this, at most
 MAX_FOLLOWED_M = 0.03  # by which a camera may have moved since it was calibrated, rms over the table,
 MAX_UNSEEN_M, MAX_UNSEEN_PX = 1.5e-3, 0.8  # and within a film while the sides are hidden, by the greater of both
 
@@ -184,7 +184,7 @@ def standing(camera: Camera, pictures: Sequence[Picture]) -> tuple[Camera, tuple
     found = camera
     said: tuple[str, ...] = ()
     if camera.sides is not None and _can_tell(_shows(camera.sides)):
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             seen = SideView(found, camera.sides).camera_in(pictures)
             if seen is None or apart(camera, seen) > MAX_FOLLOWED_M:
                 raise BadInput("shows the table elsewhere than the camera file says; calibrate the camera again")
@@ -212,10 +212,10 @@ def apart(one: Camera, other: Camera) -> float:
 def _places(camera: Camera) -> tuple[Array, NDArray[np.intp]]:
     """Where profiles cross the noses (places, 2) [m], and the rail there (places,)."""
     half = np.array([camera.table.length, camera.table.width]) / 2
-    rails = np.repeat(np.arange(4), len(PLACES))
+    rails = np.repeat(np.arange(4), len(PLACE_SHARES))
     axis, sign, rows = rails // 2, 1.0 - 2.0 * (rails % 2), np.arange(len(rails))
     xy = np.empty((len(rails), 2))
-    xy[rows, axis], xy[rows, 1 - axis] = sign * half[axis], (2 * np.tile(PLACES, 4) - 1) * half[1 - axis]
+    xy[rows, axis], xy[rows, 1 - axis] = sign * half[axis], (2 * np.tile(PLACE_SHARES, 4) - 1) * half[1 - axis]
     return xy, rails
 
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.vision.balls.faces import face
-from sysid.vision.balls.names import names_by_faces
+from sysid.vision.balls.colours.faces import face
+from sysid.vision.balls.colours.names import names_by_faces
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.tracks.follow import BallTrack
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,17 +151,64 @@ def _fitted(time, xy, variance, rest, place, place_var, extent, speed_sd, accele
     return state, covariance, off
 
 
+class Readings(NamedTuple):
+    """Readings of a track so far, each as the phase that it has come to."""
+
+    since: NDArray[np.int64]  # detection that began it
+    kind: NDArray[np.int64]  # 0 at rest, 1 moving
+    jump: NDArray[np.bool_]
+    cost: Array
+    state: Array  # (..., 3, 2)
+    covariance: Array  # (..., 3, 3)
+
+
+@compiled
+def _thin_out(readings, count, last, k, kept):  # type: ignore[no-untyped-def]
+    """Keep the most probable readings of each kind, and those that have hardly been seen at detection k.
+
+    Returns how many of the first `count` go on, and where the best one is then, which was number `last`.
+    """
+    since, kind, jump, cost, state, covariance = readings
+    limit = np.full(2, np.inf)
+    for which in range(2):
+        costs = np.sort(cost[:count][kind[:count] == which])
+        if len(costs) > kept:
+            limit[which] = costs[kept - 1]
+    to = 0
+    for c in range(count):
+        if cost[c] <= limit[kind[c]] or since[c] > k - 4:
+            if to != c:
+                since[to], kind[to], jump[to], cost[to] = since[c], kind[c], jump[c], cost[c]
+                state[to], covariance[to] = state[c], covariance[c]
+            if c == last:
+                last = to
+            to += 1
+    return to, last
+
+
+@compiled
+def _traced_back(since, kind, jump, prior):  # type: ignore[no-untyped-def]
+    """The phases that end with the last detection, of those that are best at each."""
+    found = [(0, 0, False, False, 0.0, 0.0, 0.0)]
+    found.pop()
+    stop = len(since)
+    while stop > 0:
+        first, which, jumped = since[stop - 1], kind[stop - 1], jump[stop - 1]
+        p = prior[first, which, 1 if jumped else 0]
+        found.append((first, stop, which == 0, jumped and first > 0, p[0], p[1], p[2]))
+        stop = first
+    return found[::-1]
+
+
 @compiled
 def _read(time, xy, variance, extent, rates, sds, stray_share, kept):  # type: ignore[no-untyped-def]
     """The most probable phases: (first, stop, at rest, jumped, prior place x, y, its variance) of each."""
     n, most = len(time), 4 * kept + 8
     shift_sd, speed_sd, acceleration_sd = sds
-    since = np.zeros(most, np.int64)
-    kind = np.zeros(most, np.int64)  # 0 at rest, 1 moving
-    jump = np.zeros(most, np.bool_)
-    cost = np.zeros(most)
-
+    since, kind = np.zeros(most, np.int64), np.zeros(most, np.int64)
+    jump, cost = np.zeros(most, np.bool_), np.zeros(most)
     state, covariance = np.zeros((most, 3, 2)), np.zeros((most, 3, 3))
+    readings = Readings(since, kind, jump, cost, state, covariance)
     best_since, best_kind = np.zeros(n, np.int64), np.zeros(n, np.int64)
     best_jump = np.zeros(n, np.bool_)
     prior = np.zeros((n, 2, 2, 3))  # by detection, kind and jump: place and variance that a phase begins with
@@ -207,29 +254,6 @@ def _read(time, xy, variance, extent, rates, sds, stray_share, kept):  # type: i
                 last = c
         total = cost[last]
         best_since[k], best_kind[k], best_jump[k] = since[last], kind[last], jump[last]
-        # The most probable readings of each kind go on, and those that have hardly been seen.
         if count > 2 * kept:
-            limit = np.full(2, np.inf)
-            for which in range(2):
-                costs = np.sort(cost[:count][kind[:count] == which])
-                if len(costs) > kept:
-                    limit[which] = costs[kept - 1]
-            to = 0
-            for c in range(count):
-                if cost[c] <= limit[kind[c]] or since[c] > k - 4:
-                    if to != c:
-                        since[to], kind[to], jump[to], cost[to] = since[c], kind[c], jump[c], cost[c]
-                        state[to], covariance[to] = state[c], covariance[c]
-                    if c == last:
-                        last = to
-                    to += 1
-            count = to
-    found = [(0, 0, False, False, 0.0, 0.0, 0.0)]
-    found.pop()
-    stop = n
-    while stop > 0:
-        first, which, jumped = best_since[stop - 1], best_kind[stop - 1], best_jump[stop - 1]
-        p = prior[first, which, 1 if jumped else 0]
-        found.append((first, stop, which == 0, jumped and first > 0, p[0], p[1], p[2]))
-        stop = first
-    return found[::-1]
+            count, last = _thin_out(readings, count, last, k, kept)
+    return _traced_back(best_since, best_kind, best_jump, prior)

@@ -20,7 +20,7 @@ from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack
 
 CENTRE_ERROR_PX = 0.17  # rms distance between the centre found and the true one, of balls at rest in rendered films
-LABELS = {"noise": "noise", "centre": "light on the balls", "camera": "camera", "readout": "unknown readout"}
+ERROR_LABELS = {"noise": "noise", "centre": "light on the balls", "camera": "camera", "readout": "unknown readout"}
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class PlaceError:
     def text(self) -> str:
         """For the user."""
         parts = sorted(asdict(self).items(), key=lambda part: -part[1])
-        each = ", ".join(f"{LABELS[name]} {1e3 * value:.2f}" for name, value in parts if value > 0)
+        each = ", ".join(f"{ERROR_LABELS[name]} {1e3 * value:.2f}" for name, value in parts if value > 0)
         return f"positions within {1e3 * self.rms:.2f} mm rms: {each}"
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from models.errors import BadInput
 from sysid.clips import ClipSet, read_clip_set
-from sysid.clips.clock import sample_intervals
+from sysid.clips.tracker.clock import sample_intervals
 from sysid.clips.trust import camera_doubts, with_doubts
 from sysid.vision.camera.projection import Camera
 from sysid.vision.tracks.track import Tracked

@@ -1,7 +1,7 @@
-"""Which ball is which once several were hit at once: followed back from where they can be told apart.
+"""Which ball is which once several were hit at once: followed back from where they are clearly apart.
 
 In: a follower and the pictures since the event. Out: its balls, joined anew to those before. The picture in which a
-pack has just flown apart tells least: every ball may be anywhere, and is blurred. Some pictures later balls are apart,
+pack has just flown apart shows least: every ball may be anywhere, and is blurred. Some pictures later balls are apart,
 their paths smooth and their motions known. From there they are followed back in time, each sought where its path comes
 from, swept as it must be; then they are assigned to the balls before the event by all that was seen of both: a straight
 way from the place that a ball left at any moment since, or another impact on the way, and the colours of their faces.

@@ -18,8 +18,8 @@ from models.messages import counted
 from models.shot import Table
 from sysid.clips.plausibility import MAX_OVERLAP_M, MIN_STRUCK_SAMPLES, POCKET_REACH
 from sysid.vision.ahead import ahead
+from sysid.vision.balls.colours.faces import ANY_BALL
 from sysid.vision.balls.discs import Shutter
-from sysid.vision.balls.faces import ANY_BALL
 from sysid.vision.camera.camera_motion import SteadyView
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.tracks.follow import BallTrack, Follower

@@ -15,7 +15,7 @@ from models.simulation.observe import camera, observed, undone
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, Observation
 from sysid.clips.segments import split_all
-from sysid.estimation.chain_search import found_states
+from sysid.estimation.chains.chain_search import found_states
 from sysid.estimation.open_cloth import cloth_constants
 from sysid.estimation.problem import CAUCHY_SD, shared_constants, values_of
 from sysid.estimation.segment_problem import segment_problem

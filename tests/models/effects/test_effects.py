@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.contract import BALL, CONTRACTS, SAMPLE_TIMES_S, TABLE, faults, kept, numbers, played, tried
+from models.contract.checks import BALL, CONTRACTS, SAMPLE_TIMES_S, TABLE, faults, kept, numbers, played, tried
 from models.effect import BallState, Effect, ImageState, param, push_along
 from models.errors import BadInput
 from models.mjcf.native import Native

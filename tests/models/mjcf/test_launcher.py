@@ -12,14 +12,14 @@ import pytest
 from models.errors import BadInput
 from models.mjcf import launcher
 from models.mjcf.launcher import (
-    CUE_TILT,
     DEVICE_FILE,
     GEAR_RATIO,
     PINION_RADIUS_M,
     STAGE_TRAVEL_M,
-    Device,
+    CueProperties,
     attach_launcher,
 )
+from models.mjcf.stroke import CUE_TILT
 from models.mjcf.world import build_spec
 from models.mujoco.stroke import MOTOR_RATING
 from models.shot import Ball, Table
@@ -122,4 +122,4 @@ def test_the_leather_of_the_file_is_that_of_the_usual_cue(device: Any) -> None:
 )
 def test_a_cue_that_cannot_be_says_why(change: dict[str, float], message: str) -> None:
     with pytest.raises(BadInput, match=message):
-        attach_launcher(build_spec(TABLE, BALL, ("white",)), "white", BALL, Device(**change))
+        attach_launcher(build_spec(TABLE, BALL, ("white",)), "white", BALL, CueProperties(**change))

@@ -13,7 +13,7 @@ import pytest
 from models.analytic import cueing
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
-from models.mjcf.launcher import TIP_FRICTION, TIP_RADIUS, Device
+from models.mjcf.launcher import TIP_FRICTION, TIP_RADIUS, CueProperties
 from models.model_file import full_model
 from models.mujoco import stroke
 from models.mujoco.launcher import Launcher, SimulatedStroke
@@ -28,7 +28,7 @@ MODEL = full_model(TABLE, BALL)
 
 
 def machine(**device: float) -> Launcher:
-    return Launcher(World(MODEL, ("white",)), Device(**device))
+    return Launcher(World(MODEL, ("white",)), CueProperties(**device))
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ import pytest
 
 from sysid.cli import main
 from sysid.clips import ClipSet, Observation, read_clip_set, write_clip_set
-from sysid.clips.noise import position_noise
 from sysid.clips.running import SMOOTH_SAMPLES
 from sysid.clips.segments import cuts_of, split_all
+from sysid.clips.tracker.noise import position_noise
 from tests.support.clip_samples import ROWS, contents, edit, make, refusal
 from tests.support.running_clips import cut, cut_in_motion, written_running
 from tests.truth.__main__ import main as generate

@@ -13,8 +13,8 @@ from models.model_file import full_model
 from models.shot import Ball, Table
 from sysid.clips import ClipSet, read_clip_set
 from sysid.clips.clip_set import Clip, Observation
-from sysid.clips.noise import position_noise
-from sysid.clips.slow_noise import SlowNoise, slow_noise
+from sysid.clips.tracker.noise import position_noise
+from sysid.clips.tracker.slow_noise import SlowNoise, slow_noise
 from sysid.report.text import summary_lines
 from sysid.residuals.compare import compare
 from tests.support.hidden_truth import truth_of

@@ -7,8 +7,8 @@ import pytest
 
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation
-from sysid.clips.noise import noise_correlation, position_noise
-from sysid.clips.outliers import find_outliers, find_swaps, remove_outliers
+from sysid.clips.tracker.noise import noise_correlation, position_noise
+from sysid.clips.tracker.outliers import find_outliers, find_swaps, remove_outliers
 
 SIGMA = 0.0005
 

@@ -12,7 +12,7 @@ import pytest
 from models.effects.cloth.air_drag import AirDrag
 from models.model_file import full_model
 from sysid.clips import read_clip_set
-from sysid.estimation.chain import (
+from sysid.estimation.chains.chain import (
     FIRST_SPREAD,
     Chain,
     Spread,
@@ -21,14 +21,14 @@ from sysid.estimation.chain import (
     limited_move,
     reduced,
 )
-from sysid.estimation.chain_beside import Beside, information_beside
-from sysid.estimation.chain_fit import fit_chain, settled_states
-from sysid.estimation.chain_search import SAME_LOSS, searched_windows
+from sysid.estimation.chains.chain_beside import Beside, information_beside
+from sysid.estimation.chains.chain_fit import fit_chain, settled_states
+from sysid.estimation.chains.chain_search import SAME_LOSS, searched_windows
 from sysid.estimation.clip_fit import fit_clips
 from sysid.estimation.from_nothing import WindowFit, from_other
-from sysid.estimation.initial_states import shot_losses, within_noise
 from sysid.estimation.problem import values_of
 from sysid.estimation.shot_problem import shot_problem
+from sysid.estimation.states.initial_states import shot_losses, within_noise
 from sysid.estimation.windows import columns, shot_states, windows_of
 from sysid.selection.discover import discover
 from tests.support.long_shots import CAROM, NOISE_M, long_shots, true_model

@@ -14,7 +14,7 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from models.sizes import SIZE_NAMES
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
-from sysid.clips.noise import position_noise
+from sysid.clips.tracker.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips
 from sysid.estimation.fitting import fit_held_out
 from sysid.estimation.shot_problem import shot_problem

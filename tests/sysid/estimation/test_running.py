@@ -10,11 +10,11 @@ import pytest
 
 from models.model_file import full_model
 from sysid.clips import ClipSet, read_clip_set
-from sysid.clips.noise import position_noise
+from sysid.clips.tracker.noise import position_noise
 from sysid.estimation import begin, fit_clips
-from sysid.estimation.chain_search import found_states
-from sysid.estimation.initial_states import fit_states
+from sysid.estimation.chains.chain_search import found_states
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
+from sysid.estimation.states.initial_states import fit_states
 from sysid.residuals.compare import compare
 from sysid.selection.discover import discover
 from tests.bench.accuracy import CONSTANTS

@@ -13,13 +13,13 @@ from models.model_file import full_model, read_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
-from sysid.clips.noise import position_noise
-from sysid.estimation.chain_search import found_states
+from sysid.clips.tracker.noise import position_noise
+from sysid.estimation.chains.chain_search import found_states
 from sysid.estimation.from_nothing import begin
-from sysid.estimation.initial_states import fit_states, own_scores
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
-from sysid.estimation.state_search import from_other_sidespins, searched_states
+from sysid.estimation.states.initial_states import fit_states, own_scores
+from sysid.estimation.states.state_search import from_other_sidespins, searched_states
 from tests.support.long_shots import CAROM, NO_CONSTANTS, NOISE_M, SNOOKER, long_shots, struck_rms, true_model
 
 

@@ -12,7 +12,7 @@ import pytest
 from models.errors import BadInput
 from sysid.cli import main
 from sysid.clips import ClipSet, read_clip_set, write_clip_set
-from sysid.clips.readings import Reading
+from sysid.clips.consistency.readings import Reading
 from sysid.foreign.columns import read_clip, shots_of
 from sysid.foreign.records import read_columns
 from sysid.vision.camera.projection import Camera, write_camera

@@ -16,11 +16,11 @@ from sysid.cli import main
 from sysid.clips import read_clip_set
 from sysid.pooltool.clips import import_pooltool
 from sysid.pooltool.document import is_pooltool, write_document
-from sysid.pooltool.frame import Frame
+from sysid.pooltool.frame import TableFrame
 from sysid.pooltool.table import table_here, table_there
 
 DATA = Path(__file__).with_name("data")
-FRAME = Frame(1.9812, 0.9906)  # of pooltool's 7 ft table
+FRAME = TableFrame(1.9812, 0.9906)  # of pooltool's 7 ft table
 BALL = Ball(0.05715, 0.170097)
 HEIGHTS = dict.fromkeys(RAIL_NAMES, 0.64 * 0.05715)
 

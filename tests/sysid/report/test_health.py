@@ -17,7 +17,7 @@ from models.effects.cloth.worn_patch import WornPatch
 from models.effects.impact.nose_height import NoseHeight, NoseHeightPy
 from models.model_file import Estimate, Model, catalogue, full_model
 from models.shot import Ball, Table
-from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, UNDETERMINED, health, health_lines
+from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, NOT_DETERMINED, health, health_lines
 from sysid.report.html import write_report
 from sysid.report.typical import AT_FAST_SLIP, AT_LOW_SPEED, AT_ONE_METRE_PER_SECOND, TYPICAL_RANGES
 from tests.support.comparison_samples import comparison
@@ -53,7 +53,7 @@ def test_a_slope_names_the_end_to_raise_and_by_how_much() -> None:
 
 def test_a_slope_that_the_clips_do_not_tell_has_no_verdict() -> None:
     lines = health_lines(fitted((TableTilt(),), table_tilt__slope_y=(0.0017, 0.0003)))
-    assert lines == [f"{UNDETERMINED}: slope along y"]
+    assert lines == [f"{NOT_DETERMINED}: slope along y"]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ class CushionRestitutionMx(Effect):
     [
         (-0.04, 0.005, "returns 5 % less of a ball's speed than the others"),
         (0.02, 0.004, "returns 2.5 % more"),
-        (-0.04, 0.02, UNDETERMINED),
+        (-0.04, 0.02, NOT_DETERMINED),
     ],
 )
 def test_one_cushion_beside_the_others(change: float, sd: float, says: str) -> None:
@@ -141,7 +141,7 @@ def test_noses_stand_as_high_as_they_do_and_sizes_know_it() -> None:
 def test_one_nose_beside_the_others() -> None:
     (line,) = health(fitted((NoseHeightPy(),), nose_height_py__change=(-0.06, 0.005)))
     assert line.verdict == "cushion +y stands 1.6 mm lower than the others: check its bolts and shims"
-    assert health(fitted((NoseHeightPy(),), nose_height_py__change=(0.06, 0.05)))[0].verdict == UNDETERMINED
+    assert health(fitted((NoseHeightPy(),), nose_height_py__change=(0.06, 0.05)))[0].verdict == NOT_DETERMINED
 
 
 def test_a_worn_patch_is_named_by_its_place() -> None:
@@ -149,9 +149,9 @@ def test_a_worn_patch_is_named_by_its_place() -> None:
     place = {"worn_patch__x": (0.55, 0.01), "worn_patch__y": (-0.2, 0.01), "worn_patch__radius": (0.35, 0.02)}
     (line,) = health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **place))
     assert line.verdict.startswith("within 0.35 m of x = 0.55, y = -0.20 m rolling balls slow down 90 % more")
-    assert health(fitted((patch,), worn_patch__roll=(-0.1, 0.1), **place))[0].verdict == UNDETERMINED
+    assert health(fitted((patch,), worn_patch__roll=(-0.1, 0.1), **place))[0].verdict == NOT_DETERMINED
     anywhere = place | {"worn_patch__y": (-0.2, math.nan)}
-    assert health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **anywhere))[0].verdict == UNDETERMINED
+    assert health(fitted((patch,), worn_patch__roll=(0.9, 0.01), **anywhere))[0].verdict == NOT_DETERMINED
 
 
 def test_the_camera_s_scale_names_the_height_of_the_balls_where_that_explains_it() -> None:
@@ -179,5 +179,5 @@ def test_a_table_that_was_measured_wrong_is_told_in_plain_words() -> None:
         "again, and correct length in clips.toml; if the stated length is right, the camera's scale is off by 0.3 %: "
         "calibrate it again",
         "table, width from nose to nose: 1.77850 ± 0.00040 m (stated: 1.778 m): as stated",
-        f"{UNDETERMINED}: balls, diameter",
+        f"{NOT_DETERMINED}: balls, diameter",
     ]

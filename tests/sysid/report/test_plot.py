@@ -12,7 +12,7 @@ from models.shot import Track
 from sysid.cli.demo import EXAMPLE_FOLDER
 from sysid.cli.verbs import main
 from sysid.clips import ClipSet, read_clip_set
-from sysid.report.plot import _at, _speeds, shot_png, tracks_png
+from sysid.report.pictures.plot import _at, _speeds, shot_png, tracks_png
 
 
 @pytest.fixture(scope="module")

@@ -16,18 +16,18 @@ import pytest
 from models.errors import BadInput
 from models.model_file import Estimate
 from sysid.clips import CueCommand
-from sysid.report.cloth_picture import cloth_pictures
-from sysid.report.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart
-from sysid.report.figures_where import misses_map
 from sysid.report.html import write_report
-from sysid.report.player import MAX_POINTS, NO_BALL, playback
+from sysid.report.pictures.cloth_picture import cloth_pictures
+from sysid.report.pictures.figures import Rung, dependence_charts, ladder_chart, segments_chart, shots_chart
+from sysid.report.pictures.figures_where import misses_map
+from sysid.report.pictures.player import MAX_POINTS, NO_BALL, playback
 from sysid.report.verdict import Verdict
-from sysid.residuals.cloth_field import ClothField
 from sysid.residuals.comparison import Comparison
-from sysid.residuals.curves import Rails
-from sysid.residuals.lacking import Lacking
+from sysid.residuals.functions.cloth_field import ClothField
+from sysid.residuals.functions.curves import Rails
+from sysid.residuals.functions.lacking import Lacking
+from sysid.residuals.functions.smooth import Explanation
 from sysid.residuals.samples import Samples
-from sysid.residuals.smooth import Explanation
 from sysid.selection.next_shot import NextShot
 from tests.support.comparison_samples import NOISE, TABLE, comparison, rolled
 from tests.support.html_pages import STRANGE, Page
@@ -226,7 +226,7 @@ def test_shots_are_played_back_as_they_were_seen() -> None:
 
 
 def test_many_samples_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sysid.report.player.MAX_POINTS", 60)
+    monkeypatch.setattr("sysid.report.pictures.player.MAX_POINTS", 60)
     data = playback([("a", comparison())])
     assert data is not None
     points = [len(ball["t"]) for shot in data["shots"] for ball in shot["balls"]]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sysid.residuals.comparison import Comparison
+from sysid.residuals.functions.lacking import Lacking, lacking
+from sysid.residuals.functions.smooth import Columns, Residuals, posterior
 from sysid.residuals.impacts import Impacts
-from sysid.residuals.lacking import Lacking, lacking
-from sysid.residuals.smooth import Columns, Residuals, posterior
 from tests.support.comparison_samples import rolled
 
 Array = np.ndarray

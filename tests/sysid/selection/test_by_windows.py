@@ -18,7 +18,7 @@ from models.model_file import catalogue, full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set
-from sysid.estimation.chain import Chain
+from sysid.estimation.chains.chain import Chain
 from sysid.estimation.from_nothing import fit_windows
 from sysid.estimation.split import split
 from sysid.selection.by_windows import linearise_windows

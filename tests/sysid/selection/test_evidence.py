@@ -11,12 +11,12 @@ import pytest
 from models.model_file import Model, effect_class, full_model
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
-from sysid.clips.clock import stamp_scale
+from sysid.clips.tracker.clock import stamp_scale
 from sysid.estimation.fitted import Point
-from sysid.estimation.initial_states import with_scatter
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import fit_each
+from sysid.estimation.states.initial_states import with_scatter
 from sysid.selection.next_shot import (
     BALL_SPEEDS_M_S,
     MAX_NEXT_SHOTS,

@@ -23,7 +23,7 @@ from models.shot import Ball, Session, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 from models.variables import SESSION_VARIABLES, VARIABLES
-from sysid.report.figures import curve_charts
+from sysid.report.pictures.figures import curve_charts
 from sysid.selection import terms as terms_room
 from sysid.selection.description import describe, source_from
 from sysid.selection.effect_file import effect_source

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from sysid.vision.camera.ball_outlines import NO_BALLS, find_balls
-from sysid.vision.camera.calibrate import CameraHints, calibrate
+from sysid.vision.camera.calibrate import calibrate
 from sysid.vision.camera.projection import Camera
+from sysid.vision.camera.table.ball_outlines import NO_BALLS, find_balls
+from sysid.vision.camera.table.reading import CameraHints
 from sysid.vision.camera.trust import with_focal
 from tests.footage.film import Look, Picture, film
 from tests.footage.motion import Motion

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from models.shot import Array, Table
+from sysid.vision.balls.colours.palette import pool_palette
 from sysid.vision.balls.detect import Detection
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import pool_palette
 from sysid.vision.frames import Frame
 from sysid.vision.tracks.follow import Follower
 from sysid.vision.tracks.retrace import Retracer

@@ -12,10 +12,11 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, RAIL_NAMES, Table
-from sysid.vision.camera import calibration_report
 from sysid.vision.camera.board import Board, lens_of
-from sysid.vision.camera.calibrate import CameraHints, calibrate
+from sysid.vision.camera.calibrate import calibrate
+from sysid.vision.camera.pictures import calibration_report
 from sysid.vision.camera.projection import Array, Camera, meet_plane, read_camera
+from sysid.vision.camera.table.reading import CameraHints
 from sysid.vision.samples import spread_pictures
 from tests.footage import film
 from tests.footage.film import Picture

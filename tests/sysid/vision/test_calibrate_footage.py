@@ -10,10 +10,11 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT, Table
-from sysid.vision.camera.calibrate import Calibration, CameraHints, calibrate
-from sysid.vision.camera.calibration_picture import draw
+from sysid.vision.camera.calibrate import Calibration, calibrate
 from sysid.vision.camera.footages import table_view
+from sysid.vision.camera.pictures.calibration_picture import draw
 from sysid.vision.camera.projection import Camera, read_camera
+from sysid.vision.camera.table.reading import CameraHints
 from tests.footage import film
 from tests.footage.film import Look, Picture
 from tests.footage.motion import Motion

@@ -15,8 +15,8 @@ import pytest
 from models.errors import BadInput
 from models.shot import Table
 from sysid.clips import ClipSet
+from sysid.vision.balls.colours.palette import default_palette
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import default_palette
 from sysid.vision.camera.camera_motion import SteadyView, apart, side_profiles, standing
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.film import Taken, TrackedFilm, track_footage

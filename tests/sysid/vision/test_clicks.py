@@ -17,8 +17,8 @@ import pytest
 
 from models.errors import BadInput
 from sysid.cli import main
-from sysid.vision.camera import clicks
-from sysid.vision.camera.clicks import as_option, clicked, opened
+from sysid.vision.camera.pictures import clicks
+from sysid.vision.camera.pictures.clicks import as_option, clicked, opened
 from tests.support.browser import chromium
 from tests.support.table_views import over_table, taken
 

@@ -11,11 +11,11 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import Table
+from sysid.vision.balls.colours.names import name_colours
+from sysid.vision.balls.colours.palette import default_palette, group_colours, read_palette
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
-from sysid.vision.balls.names import name_colours
-from sysid.vision.balls.palette import default_palette, group_colours, read_palette
 from sysid.vision.camera.projection import Camera
 from sysid.vision.frames import Picture
 from tests.footage.cameras import overhead

@@ -10,11 +10,11 @@ import pytest
 
 from models.shot import Array
 from sysid.vision.balls.background import View
+from sysid.vision.balls.colours.palette import default_palette
 from sysid.vision.balls.cover import DiscFit, _settled, cover, fit_disc, swept_share
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import Expected, Shutter, is_clear, known_disc, near_disc
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import default_palette
 from sysid.vision.balls.sweeps import strips
 from sysid.vision.frames import Picture, open_footage
 from sysid.vision.tracks.track import Tracked, track

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from models.errors import BadInput
 from models.shot import Array, Table
+from sysid.vision.balls.colours.faces import are_patterned, face
+from sysid.vision.balls.colours.names import MIN_SURE_PROBABILITY, name_faces, names_by_faces
+from sysid.vision.balls.colours.palette import default_palette, palette_for, pool_palette, read_palette
 from sysid.vision.balls.cover import not_table
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import new_discs
-from sysid.vision.balls.faces import are_patterned, face
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.names import SURE, name_faces, names_by_faces
-from sysid.vision.balls.palette import default_palette, palette_for, pool_palette, read_palette
 from sysid.vision.frames import Picture
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead
@@ -147,7 +147,7 @@ def test_a_cue_ball_with_dots_is_known_from_stripes_that_lie_on_their_colour() -
     assert naming.names[0] == "white"
     assert all(str(name).endswith("_stripe") for name in naming.names[1:])
     alone = name_faces([[np.tile(pool_palette().colours[0] * 0.97, (300, 1))]] * 2, pool_palette())
-    assert min(alone.odds) < SURE
+    assert min(alone.odds) < MIN_SURE_PROBABILITY
     assert any("white" in doubt for doubt in alone.doubts)
 
 
@@ -166,7 +166,7 @@ def test_a_lone_white_ball_with_dark_marks_is_white(tmp_path: Path) -> None:
     ]
     found, naming = names_by_faces({"ball": faces}, pool_palette(), detector.background.bed_colour)
     assert len(faces) == len(pictures) and found == {"ball": "white"}
-    assert naming.odds[0] > SURE and not naming.doubts
+    assert naming.odds[0] > MIN_SURE_PROBABILITY and not naming.doubts
 
 
 def test_light_is_not_known_by_a_channel_that_the_cloth_hardly_reflects(tmp_path: Path) -> None:

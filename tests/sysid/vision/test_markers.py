@@ -16,11 +16,12 @@ import pytest
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
 from sysid.cli import main
-from sysid.vision.camera.calibrate import BY_MARKERS, Calibration, CameraHints, calibrate
-from sysid.vision.camera.first_view import initial_camera
-from sysid.vision.camera.marker_camera import marker_errors, marker_notes, marker_view, misplaced, print_ratio
-from sysid.vision.camera.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAILS, Markers, find_markers
+from sysid.vision.camera.calibrate import BY_MARKERS, Calibration, calibrate
+from sysid.vision.camera.printed.marker_camera import marker_errors, marker_notes, marker_view, misplaced, print_ratio
+from sysid.vision.camera.printed.markers import MARGIN_SIZES, MARKER_LENGTHS, MARKER_RAILS, Markers, find_markers
 from sysid.vision.camera.projection import Camera
+from sysid.vision.camera.table.first_view import initial_camera
+from sysid.vision.camera.table.reading import CameraHints
 from tests.footage.cards import Card, all_cards
 from tests.footage.film import Look, Picture
 from tests.support.table_views import errors, over_table, rms, taken

@@ -12,7 +12,7 @@ import pytest
 
 from models.shot import Table
 from sysid.cli import main
-from sysid.vision.camera.seen_picture import seen_table
+from sysid.vision.camera.pictures.seen_picture import seen_table
 from tests.footage.film import Picture
 from tests.support.table_views import DIAMETER, over_table, taken
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from models.shot import Array, Table
+from sysid.vision.balls.colours.palette import default_palette, pool_palette
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.balls.palette import default_palette, pool_palette
 from sysid.vision.frames import Picture
 from tests.footage.cameras import overhead
 from tests.footage.film import BALLS, Look, Spot, film

@@ -10,14 +10,16 @@ import pytest
 from models.errors import BadInput
 from models.shot import Table
 from sysid.vision.calibration import MEDIAN_FRAMES
-from sysid.vision.camera import noses, table_edges, table_lines
 from sysid.vision.camera.calibrate import calibrate
-from sysid.vision.camera.cloth_end import cloth_ends
-from sysid.vision.camera.diamonds import find_diamonds
 from sysid.vision.camera.footages import table_view
 from sysid.vision.camera.pose import distances
 from sysid.vision.camera.projection import Camera
-from sysid.vision.camera.table_edges import SIDE_PARTS, Edge
+from sysid.vision.camera.table import edges as table_edges
+from sysid.vision.camera.table import lines as table_lines
+from sysid.vision.camera.table import noses
+from sysid.vision.camera.table.cloth_end import cloth_ends
+from sysid.vision.camera.table.diamonds import find_diamonds
+from sysid.vision.camera.table.edges import SIDE_PARTS, Edge
 from sysid.vision.samples import spread_pictures
 from tests.footage.__main__ import camera_over
 from tests.footage.film import RUBBER, Look, Picture, developed, table_picture

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from models.shot import Table
-from sysid.vision.camera.edge_blur import blur_shift
 from sysid.vision.camera.pose import Rails, distances, fit_camera
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.camera.table_edges import Edge, edge_points, edges, nose_points, strip
+from sysid.vision.camera.table.edge_blur import blur_shift
+from sysid.vision.camera.table.edges import Edge, edge_points, edges, nose_points, strip
+from sysid.vision.camera.table.weighed_sides import weighed
 from sysid.vision.camera.trust import uncertainty
-from sysid.vision.camera.weighed_sides import weighed
 from tests.footage.__main__ import camera_over
 from tests.footage.film import RUBBER, Look, developed, table_picture
 from tests.support.table_views import over_bed

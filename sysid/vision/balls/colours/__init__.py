@@ -1,0 +1,1 @@
+"""The colours of balls, and their names by them: groups of colours, faces, how likely each name is."""
