@@ -11,7 +11,7 @@ from models.errors import BadInput, one_line
 from models.files import read_document, write_whole
 from models.files.faults import Faults
 from models.model_file import catalogue
-from sysid.selection.description import source_from
+from sysid.selection.formulas.description import source_from
 
 EFFECT_TEMPLATE = '''"""{title}: say in one line what it is.
 

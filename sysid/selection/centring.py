@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.shot import GRAVITY
-from sysid.selection.free_forms import Block
+from sysid.selection.formulas.free_forms import Block
 from sysid.selection.judgement import V
 
 CONSTANTS = {  # slot and parameter of the constant of each quantity, and the quantity that one of the parameter makes

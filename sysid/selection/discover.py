@@ -22,8 +22,8 @@ from sysid.estimation.split import in_any_case, split
 from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.by_windows import ByWindows
 from sysid.selection.departures import without_departing
-from sysid.selection.description import describe
-from sysid.selection.formula import EFFECT_NAME
+from sysid.selection.formulas.description import describe
+from sysid.selection.formulas.formula import EFFECT_NAME
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
 from sysid.selection.names import Found
 from sysid.selection.next_shot import propose_next

@@ -19,10 +19,10 @@ import numpy as np
 
 from sysid.estimation.problem import Array, Index
 from sysid.selection.evidence import Evidence, chi2_of_known
-from sysid.selection.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
-from sysid.selection.free_forms import USUAL_SIZES, log_odds, mean_odds
+from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
+from sysid.selection.formulas.free_forms import USUAL_SIZES, log_odds, mean_odds
+from sysid.selection.formulas.terms import Shape
 from sysid.selection.signatures import Candidate
-from sysid.selection.terms import Shape
 from sysid.selection.view import FitView
 
 ERROR_RATE = 0.05  # probability that an added cause is due to nothing, or to a size of each shot's own

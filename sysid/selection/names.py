@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic
 
-from sysid.selection.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, SparseFormula, parameters_of
-from sysid.selection.free_forms import causes
+from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, SparseFormula, parameters_of
+from sysid.selection.formulas.free_forms import causes
+from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.judgement import Judged, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
 from sysid.selection.score import Score, Scores
 from sysid.selection.screening import FittedCandidate, candidates_for
-from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import at_sizes, candidate
 
 log = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from models.effect import Effect
 from models.model_file import Model, catalogue
 from sysid.estimation.fitted import FittedModel
 from sysid.selection.evidence import Evidence
-from sysid.selection.formula import SEPARATED_LOG_ODDS, SparseFormula
+from sysid.selection.formulas.formula import SEPARATED_LOG_ODDS, SparseFormula
 from sysid.selection.score import Score, Scores
 from sysid.selection.signatures import Candidate, candidate
 

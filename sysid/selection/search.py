@@ -19,7 +19,7 @@ from typing import Generic
 
 from models.formula import HOOK_RANGES
 from sysid.selection.centring import centred
-from sysid.selection.formula import (
+from sysid.selection.formulas.formula import (
     EFFECT_NAME,
     RIVAL_SHARE,
     SEPARATED_LOG_ODDS,
@@ -31,7 +31,9 @@ from sysid.selection.formula import (
     parameters_of,
     reshaped,
 )
-from sysid.selection.free_forms import causes
+from sysid.selection.formulas.free_forms import causes
+from sysid.selection.formulas.shapes import shape_candidates
+from sysid.selection.formulas.terms import Shape
 from sysid.selection.judgement import (
     ERROR_RATE,
     Judged,
@@ -49,9 +51,7 @@ from sysid.selection.judgement import (
 from sysid.selection.names import Found, as_fitted, with_likelier_name
 from sysid.selection.score import Score
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
-from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import Shape
 
 _What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from models.shot import NOSE_COSINE
-from sysid.clips.tempo import MAX_CUE_SPEED
+from sysid.clips.consistency.tempo import MAX_CUE_SPEED
 from sysid.vision.balls.detect import Detection
 from sysid.vision.balls.discs import Expected, face_cost
 from sysid.vision.camera.projection import Array, Camera

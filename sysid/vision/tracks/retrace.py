@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from sysid.clips.tempo import MAX_CUE_SPEED
+from sysid.clips.consistency.tempo import MAX_CUE_SPEED
 from sysid.vision.tracks.follow import CONFIRMING_DETECTIONS, JUMP_COST, MISSED_COST, FollowedBall, Follower, TrackPoint
 from sysid.vision.tracks.prediction import State
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.clips.consistency.tempo import MAX_CUE_SPEED
 from sysid.clips.plausibility import MIN_STRUCK_SAMPLES
-from sysid.clips.tempo import MAX_CUE_SPEED
 from sysid.vision.tracks.breaks import first_break
 from sysid.vision.tracks.moves import (
     MAX_UNSEEN_S,

@@ -10,7 +10,7 @@ from sysid.clips.segments import Segment
 from sysid.estimation.problem import values_of
 from sysid.estimation.residual_rows import stamps_until
 from sysid.estimation.segment_problem import segment_problem
-from sysid.selection.terms import effect_from_terms, library
+from sysid.selection.formulas.terms import effect_from_terms, library
 
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778, pockets=False)
 

@@ -24,7 +24,7 @@ from sysid.estimation.split import split
 from sysid.selection.by_windows import linearise_windows
 from sysid.selection.diagnose import diagnose
 from sysid.selection.discover import discover
-from sysid.selection.free_forms import Block, free_candidates
+from sysid.selection.formulas.free_forms import Block, free_candidates
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.signatures import candidate
 from tests.examination.__main__ import make

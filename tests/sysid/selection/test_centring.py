@@ -14,8 +14,8 @@ from sysid.estimation.split import split
 from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.by_windows import ByWindows
 from sysid.selection.centring import centred
-from sysid.selection.formula import UNNAMED_EFFECT
-from sysid.selection.free_forms import Span, blocks
+from sysid.selection.formulas.formula import UNNAMED_EFFECT
+from sysid.selection.formulas.free_forms import Span, blocks
 from sysid.selection.score import Score
 from sysid.selection.signatures import candidate
 from sysid.selection.view import FitView

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sysid.selection.description import describe
-from sysid.selection.families import curve, shapes_beyond
-from sysid.selection.formula import SparseFormula
-from sysid.selection.free_forms import Span, blocks
-from sysid.selection.terms import Term, only_at, step, straight
-from sysid.selection.terms_read import term_from_json
+from sysid.selection.formulas.description import describe
+from sysid.selection.formulas.families import curve, shapes_beyond
+from sysid.selection.formulas.formula import SparseFormula
+from sysid.selection.formulas.free_forms import Span, blocks
+from sysid.selection.formulas.terms import Term, only_at, step, straight
+from sysid.selection.formulas.terms_read import term_from_json
 
 
 def _entry(term: Term) -> dict[str, Any]:

@@ -7,8 +7,8 @@ import numpy as np
 from models.model_file import full_model
 from models.shot import Ball, Session, Shot, Table
 from models.simulation.simulate import simulate
-from sysid.selection.families import shapes, shapes_beyond
-from sysid.selection.terms import effect_from_terms
+from sysid.selection.formulas.families import shapes, shapes_beyond
+from sysid.selection.formulas.terms import effect_from_terms
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 

@@ -17,15 +17,15 @@ from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on, split
 from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.by_windows import ByWindows
-from sysid.selection.formula import SparseFormula
-from sysid.selection.free_forms import causes
+from sysid.selection.formulas.formula import SparseFormula
+from sysid.selection.formulas.free_forms import causes
+from sysid.selection.formulas.shapes import shape_candidates
+from sysid.selection.formulas.terms import library
 from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
 from sysid.selection.names import Found, with_likelier_name
 from sysid.selection.screening import candidates_for
 from sysid.selection.search import likeliest_first, next_cause, outdoes, search, without_needless
-from sysid.selection.shapes import shape_candidates
 from sysid.selection.signatures import candidate
-from sysid.selection.terms import library
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]

@@ -8,13 +8,13 @@ import pytest
 from models.errors import BadInput
 from models.shot import Session
 from sysid.clips import Clip, Observation
-from sysid.selection.description import describe
-from sysid.selection.families import curve, shapes
-from sysid.selection.formula import SparseFormula
-from sysid.selection.free_forms import ranges
-from sysid.selection.shapes import without_terms
-from sysid.selection.terms import bend, only_at, step, straight
-from sysid.selection.terms_read import term_from_json
+from sysid.selection.formulas.description import describe
+from sysid.selection.formulas.families import curve, shapes
+from sysid.selection.formulas.formula import SparseFormula
+from sysid.selection.formulas.free_forms import ranges
+from sysid.selection.formulas.shapes import without_terms
+from sysid.selection.formulas.terms import bend, only_at, step, straight
+from sysid.selection.formulas.terms_read import term_from_json
 
 DEEP = 3000  # conditions within conditions, more than Python has calls
 

@@ -24,14 +24,14 @@ from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.report.pictures.figures import curve_charts
-from sysid.selection import terms as terms_room
-from sysid.selection.description import describe, source_from
-from sysid.selection.effect_file import effect_source
-from sysid.selection.factors import SEEN_BY
-from sysid.selection.families import curve, shapes, shapes_at_one, shapes_beyond
-from sysid.selection.formula import SparseFormula
-from sysid.selection.terms import Shape, Term, condition, effect_from_terms, library
-from sysid.selection.terms_read import term_from_json
+from sysid.selection.formulas import terms as terms_room
+from sysid.selection.formulas.description import describe, source_from
+from sysid.selection.formulas.effect_file import effect_source
+from sysid.selection.formulas.factors import SEEN_BY
+from sysid.selection.formulas.families import curve, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formulas.formula import SparseFormula
+from sysid.selection.formulas.terms import Shape, Term, condition, effect_from_terms, library
+from sysid.selection.formulas.terms_read import term_from_json
 from tests.support.clip_samples import refusal
 from tests.support.effect_files import file_faults
 

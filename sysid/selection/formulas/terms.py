@@ -23,7 +23,7 @@ from models.effect import Effect
 from models.formula import EVERYWHERE, MovingPlace, Only, Part, formula
 from models.shot import Table
 from models.variables import SESSION_VARIABLES, VARIABLES
-from sysid.selection.factors import SEEN_BY, factor_code
+from sysid.selection.formulas.factors import SEEN_BY, factor_code
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")

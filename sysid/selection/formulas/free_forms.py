@@ -29,11 +29,18 @@ from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, STEPS, A
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
-from sysid.selection.factors import SEEN_BY
-from sysid.selection.families import counted_shapes, local_curves, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formulas.factors import SEEN_BY
+from sysid.selection.formulas.families import counted_shapes, local_curves, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formulas.terms import (
+    COEFFICIENT_WIDTHS,
+    COUNTED_VARIABLES,
+    RAIL_NAMES,
+    VARIABLE_PAIRS,
+    Shape,
+    step,
+)
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
-from sysid.selection.terms import COEFFICIENT_WIDTHS, COUNTED_VARIABLES, RAIL_NAMES, VARIABLE_PAIRS, Shape, step
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn

@@ -15,7 +15,7 @@ from models.errors import BadInput
 from models.files.faults import shown
 from models.shot import Table
 from sysid.clips.session import MAX_NUMBERED
-from sysid.selection.factors import (
+from sysid.selection.formulas.factors import (
     BEND_PATTERN,
     DECAY_PATTERN,
     HAT_PATTERN,
@@ -25,7 +25,7 @@ from sysid.selection.factors import (
     STEP_PATTERN,
     factor_code,
 )
-from sysid.selection.terms import (
+from sysid.selection.formulas.terms import (
     RAIL_NAMES,
     SECOND_STEP,
     SIZE_VARIABLES,

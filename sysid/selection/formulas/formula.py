@@ -2,9 +2,9 @@
 
 In: a fit (`Point`). Out: a `SparseFormula`, and its description as result.json has it: place, dependence, size.
 
-It grows by one shape at a time: a term, or a group of terms. Terms (sysid/selection/terms.py) and unknown functions
-(free_forms.py) are scored like candidates; the likeliest is added, as long as all of them together are likelier than
-nothing. The formula is then fitted as an effect, and the next shape is sought.
+It grows by one shape at a time: a term, or a group of terms. Terms (terms.py) and unknown functions (free_forms.py) are
+scored like candidates; the likeliest is added, as long as all of them together are likelier than nothing. The formula
+is then fitted as an effect, and the next shape is sought.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from models.formula import HOOK_RANGES, MAX_TERMS, TERM_HOOKS
 from models.variables import SESSION_VARIABLES
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
-from sysid.selection.families import shapes_as
-from sysid.selection.free_forms import (
+from sysid.selection.formulas.families import shapes_as
+from sysid.selection.formulas.free_forms import (
     Block,
     Cause,
     Span,
@@ -33,10 +33,8 @@ from sysid.selection.free_forms import (
     free_candidates,
     ranges,
 )
-from sysid.selection.score import Score, Scores
-from sysid.selection.shapes import at_likeliest_places, likeliest, shape_candidates, shape_of, without_terms
-from sysid.selection.signatures import Candidate, at_sizes, candidate
-from sysid.selection.terms import (
+from sysid.selection.formulas.shapes import at_likeliest_places, likeliest, shape_candidates, shape_of, without_terms
+from sysid.selection.formulas.terms import (
     QUANTITY_TEXTS,
     VARIABLE_NAMES,
     Shape,
@@ -44,6 +42,8 @@ from sysid.selection.terms import (
     effect_from_terms,
     library,
 )
+from sysid.selection.score import Score, Scores
+from sysid.selection.signatures import Candidate, at_sizes, candidate
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 RIVAL_SHARE = 0.5  # predicted log odds of a rival over the likeliest cause's, at least; right to a factor of two

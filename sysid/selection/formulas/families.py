@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from sysid.selection.terms import (
+from sysid.selection.formulas.terms import (
     DRIFT_VARIABLES,
     PLACE_DIGITS,
     SECOND_STEP,

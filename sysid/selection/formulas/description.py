@@ -17,11 +17,19 @@ from models.formula import MAX_TERMS
 from models.variables import VARIABLES
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.problem import Array
-from sysid.selection.effect_file import effect_source
 from sysid.selection.evidence import Evidence
-from sysid.selection.formula import EFFECT_NAME, SparseFormula
-from sysid.selection.terms import PLACE_DIGITS, QUANTITY_TEXTS, VARIABLE_UNITS, WITHOUT_CONSTANT, Shape, Term, condition
-from sysid.selection.terms_read import RESULT_REMEDY, term_from_json
+from sysid.selection.formulas.effect_file import effect_source
+from sysid.selection.formulas.formula import EFFECT_NAME, SparseFormula
+from sysid.selection.formulas.terms import (
+    PLACE_DIGITS,
+    QUANTITY_TEXTS,
+    VARIABLE_UNITS,
+    WITHOUT_CONSTANT,
+    Shape,
+    Term,
+    condition,
+)
+from sysid.selection.formulas.terms_read import RESULT_REMEDY, term_from_json
 
 
 def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The text of an effect file for a sparse formula.
 
-In: terms (sysid/selection/terms.py) with their coefficients, a title, and where they come from. Out: the text of a
-Python module with one `Effect`, as `sysid new-effect --from` writes it.
+In: terms (terms.py) with their coefficients, a title, and where they come from. Out: the text of a Python module with
+one `Effect`, as `sysid new-effect --from` writes it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from models import formula as kinds
 from models.effect import MIN_FRICTION_SHARE
 from models.errors import BadInput
 from models.variables import SESSION_VARIABLES, X, Y
-from sysid.selection.terms import QUANTITY_TEXTS, Term
+from sysid.selection.formulas.terms import QUANTITY_TEXTS, Term
 
 EFFECT_NAME_PATTERN = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 LINE_CHARS = 120
