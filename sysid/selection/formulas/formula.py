@@ -49,7 +49,6 @@ SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 RIVAL_SHARE = 0.5  # predicted log odds of a rival over the likeliest cause's, at least; right to a factor of two
 MAX_FUNCTIONS = 6  # most functions whose shapes are scored
 MAX_RIVALS = 3  # most functions that are fitted, and shapes of the likeliest of them
-MAX_LOGGED = 5  # of the likeliest causes
 MAX_PART_OF_BOUNDS = 0.95  # largest start value of a term, over its bounds
 EFFECT_NAME = "unexplained"
 UNNAMED_EFFECT = "unnamed"  # name of the effect that fits an unknown cause before its shape is known
@@ -166,7 +165,7 @@ def look(
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
     found = causes(scores, free)
-    log.info("likeliest: %s", ", ".join(f"{one.name} ({one.log_odds:.1f})" for one in found[:MAX_LOGGED]))
+    log.info("likeliest: %s", ", ".join(f"{one.name} ({one.log_odds:.1f})" for one in found[:MAX_FUNCTIONS]))
     return Looked(scores, found, terms, frozenset(one.name for one in named), score, seen)
 
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from models import formula as kinds
-from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, STEPS, Axis, FreeForm, free_form
+from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, SPLINE_REACH, STEPS, Axis, FreeForm, free_form
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
@@ -44,7 +44,6 @@ from sysid.selection.signatures import Candidate, candidate
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
-COARSE_INTERVALS, COARSE_TURNS = 2, 6  # of functions of two variables, as many as MAX_COEFFICIENTS allows
 FINE_INTERVALS = 24  # of the splines of what a formula already depends on
 SHORTEST = 1.25  # length over which a function varies, at least, between the nodes of its splines
 SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over its quantity's width
@@ -216,10 +215,11 @@ def _without_conditions(formula: Sequence[Shape]) -> list[Shape]:
 
 
 def _coarse(name: str, seen: Mapping[str, Span]) -> Axis:
-    """The axis of one of two variables, neither of which is counted."""
+    """The axis of one of two variables, neither of which is counted, with all coefficients that a free form has."""
+    each = math.isqrt(MAX_COEFFICIENTS)
     if name == "heading":
-        return Axis.around(name, COARSE_TURNS)
-    return Axis.over(name, seen[name].low, seen[name].high, COARSE_INTERVALS)
+        return Axis.around(name, MAX_COEFFICIENTS // each)
+    return Axis.over(name, seen[name].low, seen[name].high, each - SPLINE_REACH)
 
 
 @dataclass(frozen=True)
