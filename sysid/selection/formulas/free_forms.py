@@ -38,6 +38,7 @@ from sysid.selection.formulas.terms import (
     VARIABLE_PAIRS,
     Shape,
     step,
+    straight,
 )
 from sysid.selection.score import Scores
 from sysid.selection.signatures import Candidate, candidate
@@ -59,7 +60,7 @@ class Block:
     quantity: str
     variables: tuple[str, ...]  # one or two
     axes: tuple[Axis, Axis]
-    known: tuple[Shape, ...] = ()  # of the first variable, which may act on one side of a value of the second alone
+    known: tuple[Shape, ...] = ()  # of the first variable, beside which the second is sought
 
     @property
     def name(self) -> str:
@@ -84,8 +85,11 @@ class Block:
         """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
         if self.known:
-            span = seen[self.variables[1]]
-            return [family for shape in self.known for family in shapes_beyond(shape, self.variables[1], *span)]
+            one, other = self.variables
+            found = [family for shape in self.known for family in shapes_beyond(shape, other, *seen[other])]
+            if one in seen:
+                found += shapes_beyond(tuple(straight(self.quantity, other, 0)), one, *seen[one])
+            return found
         if len(self.variables) > 1:
             over = self.variables[1]
             return shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))

@@ -110,7 +110,7 @@ def lit_alike(ratio: NDArray[np.floating], grey: NDArray[np.floating]) -> Array:
     A channel in which the cloth is dark hardly determines the light, and one in which it is 0 not at all: there it is
     taken to change as in the others. The weighted mean of both, by their precision.
     """
-    known = (np.maximum(grey, 0.0) / (CHANNELS_MIXED * max(float(grey.max()), 1.0))) ** 2
+    known = (np.maximum(grey, 0.0) / (CHANNELS_MIXED * max(float(grey.max()), 1.0))) ** 2 + 1e-9
     mean = (ratio * known).sum(axis=-1, keepdims=True) / known.sum()
     return np.asarray((ratio * known + mean / TINT_CHANGE**2) / (known + TINT_CHANGE**-2), float)
 

@@ -70,10 +70,11 @@ def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None
     assert {one.quantity for one in found.values()} == {"drag"}
     assert set(found) == {("order", "x"), ("order", "speed"), ("number", "order")}
     factors = [t.factor for family in found["order", "x"].shapes(seen) for shape in family for t in shape]
-    assert len(factors) == 38 and "(x > -1.62) * (order > 0.6)" in factors and "(x < 1.62) * (order > 0.6)" in factors
+    assert {"(x > -1.62) * (order > 0.6)", "(x < 1.62) * (order > 0.6)", "(order < 0.3) * (x)"} < set(factors)
+    assert len(factors) == 38 + 4, "and a line of the other on either side of the places between clips"
     places = {one.variables: one for one in blocks(seen, {}, [tuple(straight("drag", "x", 0))]) if one.known}
     factors = [t.factor for family in places["x", "order"].shapes(seen) for shape in family for t in shape]
-    assert factors == [f"(order {sign} {at}) * (x)" for sign in "><" for at in (0.3, 0.7)], "between clips alone"
+    assert factors[:4] == [f"(order {sign} {at}) * (x)" for sign in "><" for at in (0.3, 0.7)], "between clips alone"
     (fast,) = shapes_beyond(late, "speed", 0.0, 3.0, (1.2,))[0][0]
     pairs = {one.variables: one for one in blocks(seen, {}, [(fast,)]) if one.known}
     assert {("order", "x"), ("speed", "x"), ("order", "speed"), ("speed", "order")} == set(pairs)
