@@ -260,12 +260,14 @@ def explained_by_shape(
         shape = larger.terms[0 if formula is None else len(formula.terms) :]
         more = view.with_effect(larger.score())
         at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
-        tried.append((at, larger, shape))
-    good = [one for one in tried if threshold.is_passed(one[0])]
-    if not good:
+        if threshold.is_passed(at):
+            tried.append((at, larger, shape))
+        elif not tried:  # the likeliest: one that is less likely would only stand for it
+            break
+    if not tried:
         return None
-    k, best, _ = likeliest_first([at for at, _, _ in good], [len(shape[0].depends_on) for _, _, shape in good])[0]
-    _, larger, shape = good[k]
+    k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]
+    _, larger, shape = tried[k]
     return (best.view, larger) if rival is None or outdoes(best.view, shape, rival) else None
 
 
