@@ -4,7 +4,7 @@ In: a `FitView` of a fit without it, and of one with it. Out: `Judged`, and the 
 
 A cause is judged by the likelihood ratio of the shots with and without it, averaged over its prior. It must be likelier
 than nothing, which a priori is as likely as all causes together; it must be likelier than a separate size for each
-shot; and evidence against it from held-out shots is subtracted.
+shot, and than that one shot departs for a reason of its own; and evidence against it from held-out shots is subtracted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
 from sysid.selection.formulas.free_forms import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.formulas.terms import Shape
 from sysid.selection.signatures import Candidate
-from sysid.selection.view import FitView
+from sysid.selection.view import FitView, projected_on
 
 ERROR_RATE = 0.05  # probability that an added cause is due to nothing, or to a size of each shot's own
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, over its width
@@ -75,6 +75,7 @@ class Judged(Generic[V]):
     unknowns: tuple[Unknown, ...]  # parameters of the additional cause
     log_odds: float  # of the fit over that without the cause
     over_scatter: float  # log odds over separate values for each shot
+    over_one: float  # log odds over one shot's departing for a reason of its own
     evidence: Evidence
     held: float  # gain of log likelihood in held-out shots
 
@@ -93,7 +94,8 @@ class Judged(Generic[V]):
 class Threshold:
     """The threshold at which a cause is accepted, for an error rate.
 
-    A priori all causes together are as likely as nothing, and each is as likely as separate values for every shot.
+    A priori all causes together are as likely as nothing, and each is as likely as separate values for every shot, and
+    as that any one shot departs.
     """
 
     count: int  # number of scored causes
@@ -115,7 +117,7 @@ class Threshold:
 
     def is_sure(self, one: Judged[V]) -> bool:
         """Whether a cause is accepted by the fitted shots."""
-        return one.log_odds > self.least and one.over_scatter > self.sure
+        return one.log_odds > self.least and min(one.over_scatter, one.over_one) > self.sure
 
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
@@ -128,15 +130,17 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     sized = [one for one in unknowns if one.sized]  # all shots share a fitted place in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
+    each, rates = (told / more.design_effect for told in more.shots)
+    one = over_one_shot(_away(more, sized), sized, _rows(more, sized), each, rates)
     held = less.held_gain(more) / more.design_effect
     names = ", ".join(one.name for one in unknowns)
     log.info(
-        "%s: log odds %.1f over nothing, %.1f over separate values for each shot, held out %.0f",
-        names, odds, alone, held,
+        "%s: log odds %.1f over nothing, %.1f over separate values for each shot, %.1f over one shot's, held out %.0f",
+        names, odds, alone, one, held,
     )  # fmt: skip
     bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
-    return Judged(more, tuple(unknowns), odds, alone, seen, held)
+    return Judged(more, tuple(unknowns), odds, alone, one, seen, held)
 
 
 def judged_where_found(
@@ -216,6 +220,30 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
     own = log_odds(information, pull, sizes[:, None]).sum(axis=1)
     shared = log_odds(information.sum(axis=0), pull.sum(axis=0), sizes)
     return float(mean_odds(shared) - mean_odds(own))
+
+
+def over_one_shot(
+    away: Array, unknowns: Sequence[Unknown], rows: Index, information: Array, gradient: Array
+) -> float:  # fmt: skip
+    """Log odds of a cause over one shot's departing for a reason of its own, which would explain that shot as well.
+
+    Without the shot, the others must still show the cause, with the constants that they have alone: a shot with a wrong
+    clock, say, bends these, and what bends them back for all others looks like a cause. That it departs is a priori as
+    likely for each shot. Losses are quadratic, as in `over_scatter`.
+
+    Args:
+        away: (k,) likeliest values, relative to the middles.
+        unknowns: their priors.
+        rows: (k,) indices of the unknowns among all.
+        information: (n, u, u) of each shot about all unknowns of the fit.
+        gradient: (n, u) of its loss.
+    """
+    count, sizes, found = len(gradient), covariances(unknowns), []
+    for k in range(count):
+        others = np.arange(count) != k
+        told, pull = (each.sum(axis=0) for each in projected_on(information[others], gradient[others], rows))
+        found.append(float(mean_odds(log_odds(told, told @ away - pull, sizes))))
+    return min(found) + math.log(count)
 
 
 def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:

@@ -79,8 +79,8 @@ def next_cause(
     """Add the likeliest cause to a fit; the same fit if nothing is likely.
 
     A fit that lacks much may have constants so biased that the scores of the missing causes vanish. If an unknown
-    function or a term is likeliest, and accepted, it is fitted first; its replacement is then sought with the losses of
-    the shots that this fit follows, and fitted from there.
+    function or a term is likeliest, or the likeliest effects are refused, it is fitted first; its replacement is then
+    sought with the losses of the shots that this fit follows, and fitted from there.
 
     If something is likelier than chance, and no cause is accepted, the cause may act at one rail or ball only, and
     depend there on anything else. Such functions, which are many, are scored last.
@@ -95,32 +95,46 @@ def next_cause(
     seen = look(view.point, view.scores, formula, () if joint else named, joint=joint)
     threshold, first = Threshold(len(seen.found), error_rate), seen.found[0]
     if first.log_odds <= threshold.sure:
-        return _added(view, view, view, seen, formula, threshold)
+        return _with_shape(view, view, view, seen, formula, _effects(view, view, view, seen, threshold))
     less = view.continued()
-    if first.name not in seen.named and first.log_odds > threshold.least:
-        unnamed = seen.unnamed(first)
+    effects = _effects(view, view, less, seen, threshold) if first.name in seen.named else None
+    function = next((one for one in seen.found if one.name not in seen.named), None)
+    if function and function.log_odds > threshold.least and (effects is None or effects.best is None):
+        unnamed = seen.unnamed(function)
         free = view.with_effect(unnamed).renewed().searched()
-        if first.block is not None:
-            free = centred(free, UNNAMED_EFFECT, first.block)
+        if function.block is not None:
+            free = centred(free, UNNAMED_EFFECT, function.block)
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named, joint=joint)
         rival = free, unknowns_of(unnamed.candidate, free.names)
-        found = _added(view, start, less.beside(start), there, formula, threshold, rival, seen.hook(first))
+        beside = less.beside(start)
+        instead = _effects(view, start, beside, there, threshold, rival, seen.hook(function))
+        found = _with_shape(view, start, beside, there, formula, instead)
         if found.view is not view:
             return found
-    found = _added(view, view, less, seen, formula, threshold)
+    effects = effects or _effects(view, view, less, seen, threshold)
+    found = _with_shape(view, view, less, seen, formula, effects)
     if found.view is view and not joint:
         more = next_cause(view, formula, error_rate, joint=True)
         return found if more.view is view else more
     return found
 
 
-def _added(
-    view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold,
+@dataclass(frozen=True)
+class _Effects(Generic[V]):
+    """The effects that were fitted in a round."""
+
+    screening: Screening
+    best: Judged[V] | None  # of those that passed
+    threshold: Threshold
+
+
+def _effects(
+    view: V, start: V, less: V, seen: Looked, threshold: Threshold,
     free: tuple[V, list[Unknown]] | None = None, hook: str = "",
-) -> Round[V]:  # fmt: skip
-    """Add the likeliest of the scored causes.
+) -> _Effects[V]:  # fmt: skip
+    """Fit the likeliest of the scored effects.
 
     Scores predict badly where a shot is far from linear. If an unknown function is clearly likelier than the best
     effect that they lead to, the effect with the best prediction (`FitView.tried`) of all others that act where the
@@ -131,7 +145,6 @@ def _added(
         start: a fit from which those with a cause start.
         less: the fit to compare these with.
         seen: scores of causes at the start.
-        formula: of the fit.
         threshold: that a cause must pass.
         free: the fit with an unknown function, and its unknowns.
         hook: of the function.
@@ -165,11 +178,19 @@ def _added(
         view.fitted, scores, tuple(fits), confounded(scores), tied([one for one, _ in good]), view.windows,
         None if best is None else best[0],
     )  # fmt: skip
-    if seen.found[0].log_odds > threshold.sure and (best is None or not best[1].view.leaves_noise):
-        found = explained_by_shape(start, less, seen, formula, best and best[1], threshold)
+    return _Effects(screening, best and best[1], threshold)
+
+
+def _with_shape(
+    view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, effects: _Effects[V]
+) -> Round[V]:
+    """Add the likeliest effect, or a shape if that explains more of what the effect leaves; see `_effects`."""
+    best, threshold = effects.best, effects.threshold
+    if seen.found[0].log_odds > threshold.sure and (best is None or not best.view.leaves_noise):
+        found = explained_by_shape(start, less, seen, formula, best, threshold)
         if found is not None:
-            return Round(dataclasses.replace(screening, best=None), *found, threshold)
-    return Round(screening, view if best is None else best[1].view, formula, threshold)
+            return Round(dataclasses.replace(effects.screening, best=None), *found, threshold)
+    return Round(effects.screening, view if best is None else best.view, formula, threshold)
 
 
 def may_act_at(hook: str, one: Candidate) -> bool:
@@ -262,8 +283,6 @@ def explained_by_shape(
         at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
         if threshold.is_passed(at):
             tried.append((at, larger, shape))
-        elif not tried:  # the likeliest: one that is less likely would only stand for it
-            break
     if not tried:
         return None
     k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]

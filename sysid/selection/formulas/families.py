@@ -51,20 +51,10 @@ def curve(
     return tuple(hats)
 
 
-def resolved(intervals: int, places: tuple[float, ...] | None) -> bool:
-    """Whether intervals over a range hold two clips each, as a step leaves two on either side: one alone may depart.
-
-    `places` are those of a step between clips; None where each clip has many values.
-    """
-    return places is None or 2 * intervals <= len(places) + 3
-
-
-def local_curves(
-    quantity: str, variable: str, low: float, high: float, places: tuple[float, ...] | None = None
-) -> list[list[Shape]]:
+def local_curves(quantity: str, variable: str, low: float, high: float) -> list[list[Shape]]:
     """Families of curves over a part of a range: what is so small lies between the nodes of a curve over all of it."""
     found = []
-    for parts in [parts for parts in LOCAL_PARTS if resolved(parts * LOCAL_INTERVALS, places)]:
+    for parts in LOCAL_PARTS:
         half, name = (high - low) / parts / 2, f"{parts * LOCAL_INTERVALS}"
         found.append([
             curve(quantity, variable, low + k * half, low + (k + 2) * half, LOCAL_INTERVALS, f"{name}_{k}")
@@ -91,7 +81,6 @@ def shapes(
     if variable == "heading":
         return [*families, [tuple(plain[:2])], [tuple(plain[2:])], [tuple(plain)]]
     parts = places_in(0.0, high - low)
-    fine = [intervals for intervals in CURVE_INTERVALS if resolved(intervals, places)]
     places = places_in(low, high) if places is None else places
     steps = [step(quantity, variable, place) for place in places]
     steps = [dataclasses.replace(one, limits=(low, high)) for one in steps]
@@ -108,8 +97,8 @@ def shapes(
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
     if variable in SIZE_VARIABLES:
         families.append([(size(quantity, variable),)])
-    curves = [curve(quantity, variable, low, high, intervals, at_one=at_one) for intervals in fine]
-    return [*families, curves] if curves else families
+    curves = [curve(quantity, variable, low, high, intervals, at_one=at_one) for intervals in CURVE_INTERVALS]
+    return [*families, curves]
 
 
 def shapes_at_one(

@@ -96,7 +96,7 @@ class Block:
         if axis.kind == STEPS:
             return counted_shapes(self.quantity, variable, axis.count)
         span = seen.get(variable, AROUND)
-        local = local_curves(self.quantity, variable, *span) if self.is_fine else []
+        local = local_curves(self.quantity, variable, span.low, span.high) if self.is_fine else []
         return [*shapes(self.quantity, variable, *span), *local]
 
     def correlations(self) -> list[Array]:

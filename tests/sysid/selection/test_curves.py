@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sysid.selection.formulas.description import describe
-from sysid.selection.formulas.families import curve, local_curves, shapes, shapes_beyond
+from sysid.selection.formulas.families import curve, shapes_beyond
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.free_forms import Span, blocks
 from sysid.selection.formulas.terms import Term, only_at, step, straight
@@ -46,15 +46,6 @@ def test_a_formula_that_leaves_something_is_refined_over_parts_of_its_range() ->
     spans = [max(t.constants[1] for t in shape) - min(t.constants[1] for t in shape) for shape in narrow]
     assert len(narrow) == 15 and max(spans) == pytest.approx(3.6 / 8, abs=1e-3)
     assert all(term_from_json(_entry(t))[0].name == t.name for shape in narrow for t in shape)
-
-
-@pytest.mark.parametrize(("clips", "finest"), [(7, 0), (8, 4), (15, 4), (16, 8), (40, 16)])
-def test_a_curve_over_the_session_has_two_clips_to_an_interval(clips: int, finest: int) -> None:
-    order = tuple((k + 0.5) / (clips - 1) for k in range(1, clips - 2))  # a step leaves two clips on either side
-    families = [*shapes("drag", "order", 0.0, 1.0, order), *local_curves("drag", "order", 0.0, 1.0, order)]
-    intervals = [int(t.name.split("_")[3]) for family in families for s in family for t in s if "_curve_" in t.name]
-    assert max(intervals, default=0) == finest
-    assert any("_curve_16_" in t.name for family in shapes("drag", "x", 0.0, 1.0) for s in family for t in s)
 
 
 def test_what_a_rail_or_a_ball_does_may_depend_on_anything_else() -> None:

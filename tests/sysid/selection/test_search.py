@@ -21,7 +21,7 @@ from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.formulas.terms import library
-from sysid.selection.judgement import Threshold, Unknown, judged, over_scatter, unknowns_of
+from sysid.selection.judgement import Threshold, Unknown, judged, over_one_shot, over_scatter, unknowns_of
 from sysid.selection.names import Found, with_likelier_name
 from sysid.selection.screening import candidates_for
 from sysid.selection.search import likeliest_first, next_cause, outdoes, search, without_needless
@@ -153,6 +153,26 @@ def test_a_cause_is_shared_only_where_shots_agree_on_its_size() -> None:
     assert odds(1.0 + 0.1 * rng.normal(size=20), 0.1) > 20.0
     assert odds(np.array([1.0]), 0.1) == pytest.approx(0.0, abs=1e-9)
     assert odds(1.0 + rng.normal(size=20), 0.1) < -20.0
+
+
+def test_a_cause_does_not_rest_on_one_shot() -> None:
+    """Fifteen shots measure a constant and a cause; if one of them errs in the constant, a cause seems to be there."""
+    rng, unknown = np.random.default_rng(7), [Unknown("it", 0.0, 1.0, True)]
+    jacobian = np.stack([np.ones((15, 40)), rng.normal(0.5, 0.5, (15, 1)) + 0.1 * rng.normal(size=(15, 40))], axis=2)
+    information = np.einsum("nru,nrv->nuv", jacobian, jacobian)
+
+    def odds(measured: Array) -> tuple[float, float]:
+        at = np.linalg.solve(information.sum(axis=0), np.einsum("nru,nr->u", jacobian, measured))
+        gradient = np.einsum("nru,nr->nu", jacobian, jacobian @ at - measured)
+        own = information[:, 1:, 1:].sum(axis=0) - information[:, 1:, :1].sum(axis=0) ** 2 / information[:, 0, 0].sum()
+        return 0.5 * own.item() * at[1] ** 2, over_one_shot(at[1:], unknown, np.array([1]), information, gradient)
+
+    noise = rng.normal(size=(15, 40))
+    everywhere, one = odds(noise + jacobian[:, :, 1])
+    assert everywhere > 10.0 and one > 10.0
+    far = int(np.argmax(np.abs(jacobian[:, :, 1].mean(axis=1) - 0.5)))
+    everywhere, one = odds(noise + np.where(np.arange(15) == far, 3.0, 0.0)[:, None])
+    assert everywhere > 10.0 and one < 3.0
 
 
 def test_what_a_parameter_may_be_is_known_beforehand() -> None:
