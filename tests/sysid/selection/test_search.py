@@ -23,8 +23,9 @@ from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.formulas.terms import library
 from sysid.selection.judgement import Threshold, Unknown, judged, over_one_shot, over_scatter, unknowns_of
 from sysid.selection.names import Found, with_likelier_name
+from sysid.selection.rivals import likeliest_first
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import likeliest_first, next_cause, outdoes, search, without_needless
+from sysid.selection.search import next_cause, outdoes, search, without_needless
 from sysid.selection.signatures import candidate
 from tests.truth.__main__ import main as generate
 
