@@ -75,7 +75,7 @@ class Judged(Generic[V]):
     unknowns: tuple[Unknown, ...]  # parameters of the additional cause
     log_odds: float  # of the fit over that without the cause
     over_scatter: float  # log odds over separate values for each shot
-    over_one: float  # log odds over one shot's departing for a reason of its own
+    over_one: float  # log odds over one shot's departing for a reason of its own, with what held-out shots gain
     evidence: Evidence
     held: float  # gain of log likelihood in held-out shots
 
@@ -131,8 +131,8 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
     each, rates = (told / more.design_effect for told in more.shots)
-    one = over_one_shot(_away(more, sized), sized, _rows(more, sized), each, rates)
     held = less.held_gain(more) / more.design_effect
+    one = over_one_shot(_away(more, sized), sized, _rows(more, sized), each, rates) + max(held, 0.0)
     names = ", ".join(one.name for one in unknowns)
     log.info(
         "%s: log odds %.1f over nothing, %.1f over separate values for each shot, %.1f over one shot's, held out %.0f",
