@@ -62,7 +62,7 @@ class ShotDeparture:
             since = f"from {with_} at {self.event.time:.2f} s on"
         return (
             f"{file}: excluded: it alone departs, with {self.size:.2g} times the error of the others, {since}, and no "
-            "effect explains it; look at its film"
+            "effect that other clips show explains it; look at its film"
         )
 
 

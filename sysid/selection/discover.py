@@ -69,6 +69,8 @@ def discover(
             show(result)
     while True:
         result, whole = _searched(result, whole, error_rate, show)
+        if whole.formula is None and whole.verdict != result.verdict:  # named effects may be dropped again
+            result = result.with_step(whole.view.now, whole.verdict, whole.dropped)
         fewer = without_departing(result.parts, result.ladder) if whole.formula is None else None
         if fewer is None:
             return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now, error_rate)
