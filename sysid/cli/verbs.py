@@ -6,22 +6,9 @@ import sys
 from collections.abc import Sequence
 
 from models.command_line import Program, run
-from sysid.cli import (
-    calibrate,
-    compare,
-    discovery,
-    doctor,
-    effects,
-    export,
-    foreign,
-    init,
-    markers,
-    match,
-    measure,
-    plot,
-    review,
-    track,
-)
+from sysid.cli import doctor, effects, export, match, review
+from sysid.cli.clips import calibrate, foreign, init, markers, track
+from sysid.cli.identification import compare, discovery, measure, plot
 
 PROGRAM = Program(
     "sysid",

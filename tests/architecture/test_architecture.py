@@ -59,6 +59,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
             "report",
         ),
     },
+    "sysid.cli": {"clips": (), "identification": ()},
     "sysid.clips": {"tracker": (), "consistency": ("tracker",)},
     "sysid.estimation": {"solver": (), "states": ("solver",), "chains": ("solver", "states")},
     "sysid.vision": {
@@ -68,6 +69,7 @@ ROOMS: dict[str, dict[str, tuple[str, ...]]] = {  # of each package, and which o
         "tracks": ("camera", "balls"),
         "rotation": ("camera",),
     },
+    "sysid.vision.tracks": {"following": (), "times": ("following",), "shots": ("following",)},
     "sysid.vision.camera": {"printed": (), "table": ("printed",), "pictures": ("printed", "table")},
     "planner": {
         "launcher": (),

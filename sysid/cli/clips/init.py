@@ -10,7 +10,7 @@ import click
 from models.command_line import FILE_PATH, gathered
 from models.console import Status, as_called
 from models.errors import BadInput
-from sysid.cli.tables import TableOptions
+from sysid.cli.clips.tables import TableOptions
 
 
 @click.command()

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, difference_noise
-from sysid.vision.tracks.picks import find_picks
-from sysid.vision.tracks.rates import even_times, regular_gaps
-from sysid.vision.tracks.stamps import delays, doubled, missing
 from sysid.vision.tracks.strays import without_strays
+from sysid.vision.tracks.times.picks import find_picks
+from sysid.vision.tracks.times.rates import even_times, regular_gaps
+from sysid.vision.tracks.times.stamps import delays, doubled, missing
 
 MAX_LISTED = 8  # frames that are named
 

@@ -11,7 +11,7 @@ from models.command_line import effects_option, gathered, out_option
 from models.console import Progress, Status
 from models.messages import counted
 from sysid.cli.common import Start
-from sysid.cli.compare import labels_of
+from sysid.cli.identification.compare import labels_of
 
 
 @click.command()

@@ -9,7 +9,7 @@ import click
 from models.command_line import out_option
 from models.console import Status
 from models.errors import BadInput
-from sysid.cli.tables import TABLE_HELP
+from sysid.cli.clips.tables import TABLE_HELP
 
 PDF_SUFFIX = ".pdf"
 

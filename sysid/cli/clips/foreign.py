@@ -15,8 +15,8 @@ from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, output_o
 from models.console import Progress, Status, as_called
 from models.errors import BadInput
 from models.messages import counted
+from sysid.cli.clips.tables import TableOptions
 from sysid.cli.common import camera_option
-from sysid.cli.tables import TableOptions
 
 if TYPE_CHECKING:
     from models.presets import TableSet
@@ -213,7 +213,7 @@ def _table(sizes: TableOptions, camera: Camera | None, header: Header | None) ->
             ball = Ball(sizes.diameter or ball.diameter, sizes.mass or ball.mass)
         return TableSet(header.table, ball), None
     if camera is not None:
-        from sysid.cli.tables import table_set
+        from sysid.cli.clips.tables import table_set
 
         size = f"{camera.table.length!r}x{camera.table.width!r}"
         ball = table_set(size, camera.diameter, sizes.mass, no_pockets=False).ball

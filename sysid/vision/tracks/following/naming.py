@@ -14,7 +14,7 @@ import numpy as np
 from sysid.vision.balls.colours.faces import face
 from sysid.vision.balls.colours.names import names_by_faces
 from sysid.vision.balls.view_geometry import Array
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detector

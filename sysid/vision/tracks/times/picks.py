@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from models.messages import counted
 from sysid.vision.camera.projection import Array
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 
 FINER_PICTURES = 2  # of a period: the finer sequence has twice as many pictures
 MIN_STEP_SD = 4.0  # of a step that counts, in standard deviations of its own,

@@ -21,7 +21,7 @@ from models.command_line import (
 )
 from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
-from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
+from sysid.cli.clips.tables import TABLE_HELP, diameter_option, table_set
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import MIN_REST_DETECTIONS, SURE_SD, TrackedScene
 from sysid.vision.tracks.phases import Phase
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array
 from sysid.vision.frames import Frame, Picture
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared; or means of cells of this size
 LIGHT_STEP = 4  # of these cells, every so many are used to estimate how the light changes

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
-from sysid.vision.tracks.strikes import TrackedShot
+from sysid.vision.tracks.shots.strikes import TrackedShot
 
 FACE_RADII = 0.7  # radius of the disc that certainly shows the ball
 MIN_FACE_CHANGE = 1.25  # relative to that of a ball at rest, from which on a ball spins

@@ -39,7 +39,7 @@ def demo(progress: Progress, out: Path) -> int:
 
     Example: sysid demo
     """
-    from sysid.cli.demo import run
+    from sysid.cli.identification.demo import run
 
     click.get_current_context().with_resource(alone_in(result_folder(out)))
     return run(out, progress)
@@ -188,7 +188,7 @@ def _fingerprint(clip_set: ClipSet, model: Model) -> str:
     from models.model_file import catalogue, own_texts
 
     digest = hashlib.sha256()
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     for path in sorted([*root.glob("models/**/*.py"), *root.glob("sysid/**/*.py")]):
         digest.update(path.read_bytes())
     digest.update(repr((clip_set.table, clip_set.ball, clip_set.fps, clip_set.sigma, sorted(catalogue()))).encode())

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import MAX_BRIDGED_S, Move, TrackedScene
-from sysid.vision.tracks.strikes import MAX_LOST_S, TrackedShot
+from sysid.vision.tracks.shots.strikes import MAX_LOST_S, TrackedShot
 
 
 def unsaid(

@@ -17,7 +17,7 @@ from models.shot import Ball
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.running import from_free_motion
 from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, phase_at
-from sysid.vision.tracks.strikes import (
+from sysid.vision.tracks.shots.strikes import (
     FoundShots,
     TrackedShot,
     Unstruck,

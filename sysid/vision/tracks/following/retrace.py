@@ -19,8 +19,15 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sysid.clips.consistency.tempo import MAX_CUE_SPEED
-from sysid.vision.tracks.follow import CONFIRMING_DETECTIONS, JUMP_COST, MISSED_COST, FollowedBall, Follower, TrackPoint
-from sysid.vision.tracks.prediction import State
+from sysid.vision.tracks.following.follow import (
+    CONFIRMING_DETECTIONS,
+    JUMP_COST,
+    MISSED_COST,
+    FollowedBall,
+    Follower,
+    TrackPoint,
+)
+from sysid.vision.tracks.following.prediction import State
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detection

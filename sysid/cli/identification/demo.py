@@ -21,7 +21,7 @@ from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import Diagnosis
 
 COMMAND_NAME = "sysid demo"
-EXAMPLE_FOLDER = Path(__file__).parents[1] / "example"
+EXAMPLE_FOLDER = Path(__file__).parents[2] / "example"
 TRUTH_FILE = EXAMPLE_FOLDER.with_name("example.truth.json")
 TRUE_NAMES = {  # names of constants in the truth file
     "decoupled_cloth.slide": "mus", "decoupled_cloth.roll": "mur", "decoupled_cloth.spin": "spin",

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from sysid.vision.camera.projection import Array
-from sysid.vision.tracks.follow import BallTrack
-from sysid.vision.tracks.picks import free_runs, step_misfit
+from sysid.vision.tracks.following.follow import BallTrack
+from sysid.vision.tracks.times.picks import free_runs, step_misfit
 
 MEAN_PICTURES = 31  # whose stamps show together when the middle one was taken
 MAX_PAUSE_PERIODS = 3.5  # a longer one between stamps is real

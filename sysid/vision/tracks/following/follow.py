@@ -27,7 +27,7 @@ from sysid.clips.consistency.tempo import MAX_CUE_SPEED
 from sysid.vision.balls.detect import Detection
 from sysid.vision.balls.discs import Expected, face_cost
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.tracks.prediction import MIN_MOVING_SPEED_M_S, State, predict_impacts
+from sysid.vision.tracks.following.prediction import MIN_MOVING_SPEED_M_S, State, predict_impacts
 
 MIN_DETECTION_SD_PX = 0.2  # added to the standard deviation that the detector estimates
 MAX_JUMP_GAP_S = 0.1  # a jump that was unseen for longer starts a new track, until it is known which ball it is

@@ -18,7 +18,7 @@ import numpy as np
 
 from sysid.clips.consistency.tempo import MAX_CUE_SPEED
 from sysid.clips.plausibility import MIN_STRUCK_SAMPLES
-from sysid.vision.tracks.breaks import first_break
+from sysid.vision.tracks.following.prediction import TOUCH_RADII
 from sysid.vision.tracks.moves import (
     MAX_UNSEEN_S,
     MIN_REST_DETECTIONS,
@@ -29,7 +29,7 @@ from sysid.vision.tracks.moves import (
     pocketed,
     rest_place,
 )
-from sysid.vision.tracks.prediction import TOUCH_RADII
+from sysid.vision.tracks.shots.breaks import first_break
 
 MAX_CONTACT_S = 0.002  # longest contact of cue and ball
 CLIP_TAIL_S = 0.3  # of rest at the end of a clip
