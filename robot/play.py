@@ -25,7 +25,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.errors import BadInput
 from models.shot import Array, Ball, Table
 from planner.planning import read_plan

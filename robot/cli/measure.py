@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import (
+from models.commands.console import Progress, Status, table, write_json
+from models.commands.options import (
     FILE_PATH,
     OUTPUT_FILE,
     Number,
@@ -20,7 +21,6 @@ from models.command_line import (
     output_option,
     seed_option,
 )
-from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from models.messages import counted

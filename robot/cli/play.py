@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import (
-    ABOVE_ZERO,
-    FILE_PATH,
-    NON_NEGATIVE,
-    effects_option,
-    gathered,
-    given,
-    input_option,
-)
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import ABOVE_ZERO, FILE_PATH, NON_NEGATIVE, effects_option, gathered, given, input_option
 from models.errors import BadInput
 from robot.cli.common import Filming, RequiredFilming, Wire, confirmed, yes_option
 

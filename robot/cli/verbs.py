@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from models.command_line import Program, run
+from models.commands.program import Program, run
 from robot.cli import learn, measure, play, review, single
 from robot.device.protocol import LauncherError
 

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.errors import BadInput
 from models.files import made_folder, write_whole
 from models.messages import counted

@@ -10,8 +10,9 @@ from typing import Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, Number, gathered, given, out_folder_option, typed_again
-from models.console import Progress, Status, as_called
+from models.commands.console import Progress, Status, as_called
+from models.commands.options import ABOVE_ZERO, Number, gathered, given, out_folder_option
+from models.commands.program import typed_again
 from models.files import made_folder, result_folder
 from sysid.cli.clips.calibrate import BoardOptions, calibrate
 from sysid.cli.clips.tables import TABLE_HELP, diameter_option, table_set

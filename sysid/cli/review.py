@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, effects_option, gathered
-from models.console import Progress
+from models.commands.console import Progress
+from models.commands.options import FILE_PATH, effects_option, gathered
 from models.errors import BadInput
 from sysid.cli.common import Start
 from sysid.cli.viewing import Viewing

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import (
+from models.commands.console import Progress, Status, table, write_json
+from models.commands.options import (
     FILE_PATH,
     Number,
     at_most_one,
@@ -17,9 +18,8 @@ from models.command_line import (
     json_option,
     out_option,
     output_option,
-    typed_again,
 )
-from models.console import Progress, Status, table, write_json
+from models.commands.program import typed_again
 from models.errors import BadInput
 from sysid.cli.clips.tables import TABLE_HELP, diameter_option, table_set
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, gathered, given, output_option
-from models.console import Progress, Status, as_called
+from models.commands.console import Progress, Status, as_called
+from models.commands.options import ABOVE_ZERO, FILE_PATH, gathered, given, output_option
 from models.errors import BadInput
 from models.messages import counted
 from sysid.cli.clips.tables import TableOptions

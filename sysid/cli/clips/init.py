@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, gathered
-from models.console import Status, as_called
+from models.commands.console import Status, as_called
+from models.commands.options import FILE_PATH, gathered
 from models.errors import BadInput
 from sysid.cli.clips.tables import TableOptions
 

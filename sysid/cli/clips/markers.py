@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import out_option
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import out_option
 from models.errors import BadInput
 from sysid.cli.clips.tables import TABLE_HELP
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import Number, given
+from models.commands.options import Number, given
 from models.errors import BadInput
 from sysid.cli.common import mass_option
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import (
+from models.commands.console import Progress, Status, write_json
+from models.commands.options import (
     ABOVE_ZERO,
     FILE_PATH,
     ZERO_OR_MORE,
@@ -18,7 +19,6 @@ from models.command_line import (
     output_option,
     scheduler_option,
 )
-from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from sysid.cli.common import camera_option, mass_option, palette_option, print_recording

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import effects_option, gathered, json_option, out_option, scheduler_option
-from models.console import Progress, Status, print_constants, table, write_json
+from models.commands.console import Progress, Status, print_constants, table, write_json
+from models.commands.options import effects_option, gathered, json_option, out_option, scheduler_option
 from models.errors import BadInput
 from models.messages import counted
 from sysid.cli.common import Outputs, Start, clips_argument, spread_over_cluster

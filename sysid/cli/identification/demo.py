@@ -7,7 +7,7 @@ import shlex
 import time
 from pathlib import Path
 
-from models.console import Progress, Status, as_called, table
+from models.commands.console import Progress, Status, as_called, table
 from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation.fitted import MISS_OVER_AXIS

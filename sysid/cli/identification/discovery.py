@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import effects_option, gathered, json_option, out_folder_option, scheduler_option
-from models.console import Progress, Status, as_called, print_constants, table, write_json
+from models.commands.console import Progress, Status, as_called, print_constants, table, write_json
+from models.commands.options import effects_option, gathered, json_option, out_folder_option, scheduler_option
 from models.files import alone_in, result_folder
 from models.messages import counted
 from sysid.cli.common import Start, report_option, spread_over_cluster

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import effects_option, json_option, out_option, output_option
-from models.console import Progress, Status, as_called, table, write_json
+from models.commands.console import Progress, Status, as_called, table, write_json
+from models.commands.options import effects_option, json_option, out_option, output_option
 from models.messages import counted
 from sysid.cli.common import Start, clips_argument, model_option
 

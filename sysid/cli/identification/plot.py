@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import effects_option, gathered, out_option
-from models.console import Progress, Status
+from models.commands.console import Progress, Status
+from models.commands.options import effects_option, gathered, out_option
 from models.messages import counted
 from sysid.cli.common import Start
 from sysid.cli.identification.compare import labels_of

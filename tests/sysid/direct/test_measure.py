@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import GRAVITY, Ball, Table
 from sysid.cli.identification.measure import measure as cli_measure

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.errors import BadInput
 from models.model_file import full_model
 from models.recording.video import Sightings, write_track

@@ -16,8 +16,8 @@ import pytest
 import planner.cli.verbs
 import robot.cli.verbs
 import sysid.cli.verbs
-from models.command_line import Program
-from models.command_outputs import OutputFile, ResultFile, ResultFolder
+from models.commands.outputs import OutputFile, ResultFile, ResultFolder
+from models.commands.program import Program
 from models.files import write_whole
 from models.files.made import digest, marked
 from models.files.record import Origin, origin_of, with_record

@@ -13,19 +13,9 @@ from pathlib import Path
 import click
 import pytest
 
-from models.command_line import (
-    ABOVE_ZERO,
-    NON_NEGATIVE,
-    OUTPUT_FILE,
-    Number,
-    Program,
-    at_most_one,
-    gathered,
-    given,
-    lone_command,
-    run,
-)
-from models.console import table
+from models.commands.console import table
+from models.commands.options import ABOVE_ZERO, NON_NEGATIVE, OUTPUT_FILE, Number, at_most_one, gathered, given
+from models.commands.program import Program, lone_command, run
 from models.errors import BadInput
 
 
@@ -141,7 +131,7 @@ def test_an_import_that_fails_is_no_interrupt() -> None:
 @pytest.mark.slow
 def test_a_full_disk_and_closed_streams_are_told_by_the_status() -> None:
     words = [sys.executable, "-m", "sysid.cli", "effects", "squirt"]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
     with open("/dev/full", "w") as full:
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=environment, text=True, check=False)
         assert done.returncode == 2 and done.stderr.splitlines() == [

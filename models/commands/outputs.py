@@ -18,7 +18,7 @@ from typing import Any
 
 import click
 
-from models.console import OUTPUT_KEY, STANDARD_OUTPUT
+from models.commands.console import OUTPUT_KEY, STANDARD_OUTPUT
 from models.errors import BadInput
 
 OVERWRITE_KEY, EFFECTS_KEY = "cuelab.overwrite", "cuelab.effects"  # keys of the click context
