@@ -145,7 +145,8 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
     Example: robot play plan.json --port /dev/ttyUSB0 --camera cam.toml --video 0 --clips CLIPS
     """
     from planner.scene import read_scene
-    from robot.play import play_plan, read_order
+    from robot.order import read_order
+    from robot.play import play_plan
     from sysid.clips.trust import heed_doubts
 
     settings = wire.settings()

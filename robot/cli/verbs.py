@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from models.commands.program import Program, run
-from robot.cli import learn, measure, play, review, single
+from robot.cli import learn, measure, play, review, single, strings
 from robot.device.protocol import LauncherError
 
 PROGRAM = Program(
@@ -17,7 +17,7 @@ PROGRAM = Program(
     "Use the cue launcher, with and without hardware.",
     {
         "Strokes": (play.play, play.align, learn.learn, review.review),
-        "Measurements of the launcher": (measure.campaign, measure.map_, measure.repeat, measure.calibrate),
+        "Measurements of the launcher": (measure.campaign, measure.map_, strings.repeat, strings.calibrate),
         "The launcher itself": (single.status, single.home, single.stop, single.reset, single.emulate),
     },
 )
