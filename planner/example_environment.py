@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.command_line import input_option, lone_command, run, seed_option
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import input_option, seed_option
+from models.commands.program import lone_command, run
 from models.environment.task import ShotEnvironment
 from models.errors import BadInput
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE

@@ -1,7 +1,7 @@
 """The report of a plan: one HTML file with embedded figures, for a browser without network or scripts.
 
 It shows the stroke to set, planned and sampled paths of the balls, resting positions of the cue ball, and the
-alternatives. Outlines contain 50 % and 90 % of the samples (models/recording/plan.py), without assuming a normal
+alternatives. Outlines contain 50 % and 90 % of the samples (models/recording/planned.py), without assuming a normal
 distribution; they are left out with few samples. This module computes the values of the tables,
 planner/report_figures.py draws, templates/plan.html.j2 holds headings and captions. The same plan gives the same bytes.
 """
@@ -14,16 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from models.files import write_whole
-from models.recording.plan import (
-    given,
-    percent,
-    rest_words,
-    resting,
-    scene_of,
-    sentence,
-    strike_words,
-    wanted,
-)
+from models.recording.planned import given, percent, rest_words, resting, scene_of, sentence, strike_words, wanted
 from models.report.figure import png, svg
 from models.report.numbers import NO_VALUE
 from models.report.page import write_page

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from models.recording.plan import percent, sentence
+from models.recording.planned import percent, sentence
 
 STROKE_HEADS = ("stroke", "string", "x'0 mm", "y'0 mm", "yaw deg", "potted", "fouls", "rest mm")
 

@@ -15,7 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.errors import BadInput
 from models.files import made_folder
 from models.files.faults import listed, shown

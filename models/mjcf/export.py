@@ -17,8 +17,9 @@ import click
 import mujoco
 import numpy as np
 
-from models.command_line import FILE_PATH, gathered, given, lone_command, run
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import FILE_PATH, gathered, given
+from models.commands.program import lone_command, run
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import SLATE_IMPEDANCE, attach_launcher

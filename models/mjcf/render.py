@@ -13,8 +13,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from models.command_line import FILE_PATH, lone_command, run
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import FILE_PATH
+from models.commands.program import lone_command, run
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.gl import choose_backend, require_rendering

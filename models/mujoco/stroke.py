@@ -27,8 +27,9 @@ import mujoco
 import numpy as np
 
 from models.analytic.cue_impulse import Constants, Geometry, launch
-from models.command_line import FILE_PATH, OUTPUT_FILE, lone_command, run
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import FILE_PATH, OUTPUT_FILE
+from models.commands.program import lone_command, run
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import CUE_MASS, GEAR_RATIO, NAME_PREFIX, PINION_RADIUS_M, TIP_RESTITUTION

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from models.console import table
+from models.commands.console import table
 from models.errors import BadInput, one_line
 
 FRAME_LIBRARIES = ("pandas", "polars")  # in order of preference

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from models.command_line import input_option
+from models.commands.options import input_option
 
 if TYPE_CHECKING:
     from models.model_file import Model

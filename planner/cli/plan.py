@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import (
+from models.commands.console import Progress, Status, table, write_json
+from models.commands.options import (
     FILE_PATH,
     Number,
     effects_option,
@@ -20,7 +21,6 @@ from models.command_line import (
     output_option,
     seed_option,
 )
-from models.console import Progress, Status, table, write_json
 from models.errors import BadInput
 from planner.cli.common import execution_option, load_execution, load_model, model_option
 from sysid.cli.common import print_recording

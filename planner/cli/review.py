@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, gathered
-from models.console import Progress
+from models.commands.console import Progress
+from models.commands.options import FILE_PATH, gathered
 from sysid.cli.viewing import Viewing
 
 

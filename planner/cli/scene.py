@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from models.command_line import FILE_PATH, at_most_one, effects_option, gathered, given, out_option
-from models.console import Progress, Status, table
+from models.commands.console import Progress, Status, table
+from models.commands.options import FILE_PATH, at_most_one, effects_option, gathered, given, out_option
 from models.errors import BadInput
 from sysid.cli.common import accept_camera_option, camera_option, mass_option, palette_option
 

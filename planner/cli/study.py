@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import (
+from models.commands.console import Progress, Status, write_json
+from models.commands.options import (
     FILE_PATH,
     Number,
     at_most_one,
@@ -24,7 +25,6 @@ from models.command_line import (
     scheduler_option,
     seed_option,
 )
-from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in, entries_of
 from planner.cli.common import execution_option, load_execution

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from models.command_line import Program, run
+from models.commands.program import Program, run
 from planner.cli import plan, review, scene, study, view
 
 PROGRAM = Program(

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import ANY_NUMBER, FILE_PATH, Number, effects_option, gathered, given, out_folder_option
-from models.console import Progress, Status
+from models.commands.console import Progress, Status
+from models.commands.options import ANY_NUMBER, FILE_PATH, Number, effects_option, gathered, given, out_folder_option
 from models.errors import BadInput
 from planner.cli.common import model_option
 

@@ -15,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.console import Progress, plain
+from models.commands.console import Progress, plain
 from models.errors import BadInput
 from models.files import read_document, write_whole
 from models.files.faults import Faults
@@ -29,7 +29,7 @@ STUDY_FORMAT = "billiard-study-plans/1"
 MODEL_FILE = "model.toml"
 # Sources of input and output that change no figure: another version of them may continue a study.
 UNCHECKED_SOURCES = (
-    "cli/*.py", "command_line.py", "console.py", "*report.py", "figures.py", "pictures.py",
+    "cli/*.py", "commands/*.py", "*report.py", "figures.py", "pictures.py",
     "from_picture.py", "*environment.py", "view*.py", "recording/*.py",
 )  # fmt: skip
 

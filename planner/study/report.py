@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.console import table
+from models.commands.console import table
 from models.files import write_whole
 from models.messages import counted
 from planner.evaluation.outcome import FOULS

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import FILE_PATH, given, input_option
+from models.commands.options import FILE_PATH, given, input_option
 from models.errors import BadInput
 from sysid.cli.common import accept_camera_option, camera_option, mass_option, palette_option
 

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import (
+from models.commands.console import Progress, Status, write_json
+from models.commands.options import (
     FILE_PATH,
     NON_NEGATIVE,
     Number,
@@ -27,7 +28,6 @@ from models.command_line import (
     input_option,
     json_option,
 )
-from models.console import Progress, Status, write_json
 from models.errors import BadInput
 from models.files import alone_in
 from models.messages import counted

@@ -1,4 +1,4 @@
-"""`robot play` and `robot align`: play a plan on the real or the emulated launcher, and align its stand."""
+"""`robot play`: a plan played on the real or the emulated launcher."""
 
 from __future__ import annotations
 
@@ -10,23 +10,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import (
-    ABOVE_ZERO,
-    FILE_PATH,
-    NON_NEGATIVE,
-    effects_option,
-    gathered,
-    given,
-    input_option,
-)
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import ABOVE_ZERO, FILE_PATH, NON_NEGATIVE, effects_option, gathered, given, input_option
 from models.errors import BadInput
-from robot.cli.common import Filming, RequiredFilming, Wire, confirmed, yes_option
+from robot.cli.align import in_degrees, shown_aligned
+from robot.cli.common import Filming, Wire, confirmed, yes_option
 
 if TYPE_CHECKING:
     from models.shot import Array, Ball, Table
     from planner.scene import Scene
-    from robot.camera.live import LiveCamera
     from robot.device.launcher import Launcher
     from robot.device.settings import Settings
     from robot.emulator.table import EmulatedTable
@@ -153,7 +145,8 @@ def play(request: Request, wire: Wire, filming: Filming, emulation: Emulation) -
     Example: robot play plan.json --port /dev/ttyUSB0 --camera cam.toml --video 0 --clips CLIPS
     """
     from planner.scene import read_scene
-    from robot.play import play_plan, read_order
+    from robot.order import read_order
+    from robot.play import play_plan
     from sysid.clips.trust import heed_doubts
 
     settings = wire.settings()
@@ -194,9 +187,9 @@ def _play_filmed(
     with filming.open(request.films) as camera:
         if request.dry_run:
             return play_plan(request.plan, _dry(settings), camera, tolerance=request.tolerance_m)
-        needs = (filming.need, request.balls, f"the stand behind the cue ball, to be turned to {_degrees(azimuth)}")
+        needs = (filming.need, request.balls, f"the stand behind the cue ball, to be turned to {in_degrees(azimuth)}")
         wire.print_needs(*needs, yes=request.yes)
-        if not _aligned(camera, azimuth, ball):
+        if not shown_aligned(camera, azimuth, ball):
             raise BadInput(f"--video {filming.video}: no more pictures came, and the stand is not aligned; try again")
         with wire.striker(settings, yes=request.yes) as launcher:
             confirm = None if request.yes else _confirmed
@@ -218,61 +211,11 @@ def _play_unfilmed(
         print("no --scene: the positions of the balls are not checked; make one with: planner scene PICTURE")
     if request.dry_run:
         return play_plan(request.plan, _dry(settings), seen, tolerance=request.tolerance_m)
-    needs = (request.balls, f"the stand behind the cue ball, turned to {_degrees(azimuth)}: robot align shows it")
+    needs = (request.balls, f"the stand behind the cue ball, turned to {in_degrees(azimuth)}: robot align shows it")
     wire.print_needs(*needs, yes=request.yes)
     with wire.striker(settings, yes=request.yes) as launcher:
         confirm = None if request.yes else _confirmed
         return play_plan(request.plan, launcher, seen, confirm, tolerance=request.tolerance_m)
-
-
-def _aligned(camera: LiveCamera, azimuth: float, ball: Array | None) -> bool:
-    """Show live how to turn the stand; returns whether it is aligned at the end."""
-    from robot.camera.align import align as align_live
-    from robot.camera.align import turn_for
-
-    line = align_live(camera.pictures(), camera.seen_with, azimuth, ball)
-    for note in line.noted:
-        print(f"noted: {note}")
-    turn = turn_for(line, azimuth)
-    print(f"cue: {math.degrees(line.azimuth):.2f} +- {math.degrees(line.azimuth_sd):.2f} degrees, {turn}")
-    return not turn.side
-
-
-@click.command()
-@gathered("filming", RequiredFilming)
-@input_option("plan", "PLAN.json", "Plan whose direction is wanted.")
-@click.option("--azimuth", metavar="DEG", type=float, help="Wanted direction in the table frame [degrees].")
-def align(filming: RequiredFilming, plan_file: Path | None, azimuth: float | None) -> int:
-    """Align the stand: show live from the camera how far to turn it.
-
-    Takes the direction from --plan or --azimuth, and prints the remaining turn to a tenth of a degree. Status 1 if the
-    cue does not point there at the end.
-
-    Example: robot align --camera cam.toml --video 0 --plan plan.json
-    """
-    from planner.planning import read_plan
-    from planner.scene import scene_from
-
-    if (plan_file is None) == (azimuth is None):
-        raise BadInput("give the direction: --plan PLAN.json, or --azimuth DEGREES")
-    ball, wanted = None, azimuth
-    if plan_file:
-        plan = read_plan(plan_file)
-        if plan.get("stroke") is None:
-            raise BadInput(f"{plan_file}: holds no stroke ({plan.get('why', 'no reason given')}); plan another shot")
-        launcher = plan.get("launcher")
-        wanted = launcher.get("theta_deg") if isinstance(launcher, dict) else None
-        ball = scene_from(plan.get("scene"), f"{plan_file} scene").position[0]
-    if not isinstance(wanted, int | float):
-        raise BadInput(f"{plan_file}: theta_deg of its launcher is {wanted!r}; make the plan again")
-    if not abs(wanted) <= 360:
-        raise BadInput(f"{plan_file or '--azimuth'}: the direction is {wanted:g}; give degrees, -360 to 360")
-    with filming.open(Path("films")) as camera:
-        return Status.DONE if _aligned(camera, math.radians(wanted), ball) else Status.FINDING
-
-
-def _degrees(azimuth: float) -> str:
-    return f"{math.degrees(azimuth):.2f} degrees"
 
 
 def _dry(settings: Settings) -> Launcher:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import FILE_PATH, gathered, input_option
-from models.console import Progress
+from models.commands.console import Progress
+from models.commands.options import FILE_PATH, gathered, input_option
 from models.errors import BadInput
 from sysid.cli.review import film_said, video_option
 from sysid.cli.viewing import Viewing

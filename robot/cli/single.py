@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import Number, gathered, seed_option
-from models.console import Status
+from models.commands.console import Status
+from models.commands.options import Number, gathered, seed_option
 from models.messages import counted
 from robot.cli import first_byte
 from robot.cli.common import RequiredWire

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, given
+from models.commands.options import ABOVE_ZERO, FILE_PATH, given
 from models.errors import BadInput
 from models.files import scratch_folder
 from robot.cli.common import Filming, Wire, confirmed, set_up, yes_option

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from models.command_line import Program, run
-from robot.cli import learn, measure, play, review, single
+from models.commands.program import Program, run
+from robot.cli import align, learn, measure, play, review, single, strings
 from robot.device.protocol import LauncherError
 
 PROGRAM = Program(
     "robot",
     "Use the cue launcher, with and without hardware.",
     {
-        "Strokes": (play.play, play.align, learn.learn, review.review),
-        "Measurements of the launcher": (measure.campaign, measure.map_, measure.repeat, measure.calibrate),
+        "Strokes": (play.play, align.align, learn.learn, review.review),
+        "Measurements of the launcher": (measure.campaign, measure.map_, strings.repeat, strings.calibrate),
         "The launcher itself": (single.status, single.home, single.stop, single.reset, single.emulate),
     },
 )

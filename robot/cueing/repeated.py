@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from models.shot import Array
 from robot.device.settings import Settings
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from models.errors import BadInput
 from robot.device.launcher import Launcher
 from robot.device.outcome import Done

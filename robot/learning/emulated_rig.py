@@ -21,7 +21,7 @@ from robot.cueing.hidden import draw_values
 from robot.device.settings import Settings
 from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
 from robot.learning.loop import SceneSetup
-from robot.play import read_order
+from robot.order import read_order
 
 HAND_PLACING_SD_M = 2e-3  # error of a ball put by hand on its marked place, each axis
 PLACING_STREAM, FIRMWARE_STREAM, TABLE_STREAM = range(3)  # independent streams of random numbers

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.errors import BadInput
 from models.files import made_folder, write_whole
 from models.messages import counted
@@ -40,6 +40,7 @@ from planner.search.search import Effort
 from planner.study.draws import BALL_NAMES, Study, draw_scene
 from robot.device.launcher import Launcher
 from robot.learning.chosen import chosen_shot
+from robot.learning.ending import why_ended
 from robot.learning.history import (
     FIT_FORMAT,
     SERIES_FORMAT,
@@ -57,9 +58,6 @@ from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation.fitted import MISS_OVER_AXIS
 
 MAX_SCENE_DRAWS = 5  # most scenes drawn for a shot until one can be played
-MISS_LIMIT_RATIO = 1.3  # miss over the launcher's scatter below which no model reduces the miss much
-MISS_FALL_RATIO = 0.9  # miss over that of the previous block below which the miss has fallen
-MIN_BLOCKS = 3  # fewest blocks for the decision that nothing improves
 SETTING_DIFFERENCES = {  # what a series was begun with, by the keys of its settings
     "every": "another number of shots between refits", "seed": "another seed", "balls": "another number of balls",
     "chosen": "another number of chosen shots", "wish": "other weights of the outcomes",
@@ -182,24 +180,6 @@ def learn(
         (folder / "ended.txt").unlink(missing_ok=True)
         say(_play(folder, config, rig, played + 1, learnt, report, watch))
         watch(played + 1)
-
-
-def why_ended(history: History, every: int) -> str:
-    """The reason why a series needs no more shots after a refit; "" if it does."""
-    n, refits = len(history.shots), history.refits
-    if n < MIN_BLOCKS * every or len(refits) < MIN_BLOCKS or refits[-1].verdict != refits[-2].verdict:
-        return ""
-    misses = [history.median_miss(n - (k + 1) * every + 1, n - k * every) for k in range(MIN_BLOCKS)]
-    predicted = history.median_spread(n - every + 1, n)
-    figures = f"the cue ball's miss is {1e3 * misses[0]:.0f} mm (median of {every}), predicted {1e3 * predicted:.0f} mm"
-    scatter = history.floor(n - every + 1, n)  # the floor for any model; if it was not measured, the plans' prediction
-    figures += f", and the launcher alone scatters {1e3 * scatter:.0f} mm" if math.isfinite(scatter) else ""
-    least = scatter if math.isfinite(scatter) else predicted
-    if misses[0] <= MISS_LIMIT_RATIO * least and misses[0] >= MISS_FALL_RATIO * misses[1]:
-        return f"{figures}: nothing is left to learn"
-    if misses[0] >= MISS_FALL_RATIO * misses[1] and misses[1] >= MISS_FALL_RATIO * misses[2]:
-        return f"{figures}; it has not fallen in two refits"
-    return ""
 
 
 def latest(folder: Path, config: LearningConfig, learnt: int) -> tuple[Model, CueingMap]:

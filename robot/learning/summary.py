@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from sysid.estimation.fitted import MISS_OVER_AXIS
 
 if TYPE_CHECKING:

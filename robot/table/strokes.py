@@ -23,7 +23,8 @@ from robot.cueing.campaign import CueShot
 from robot.cueing.first_track import MIN_TRACK_FRAMES, MIN_TRACK_S, TRACK_LENGTH_S, read_track
 from robot.cueing.repeated import Repeated, summarised
 from robot.device.settings import Settings
-from robot.play import check_radius, pocket_near
+from robot.order import check_radius
+from robot.play import pocket_near
 from robot.table.single_ball import MAX_FILMS, SingleBall, SingleBallStroke
 
 HIT_PICTURES = 2  # possible error of the time of the hit, estimated from the path

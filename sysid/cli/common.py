@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, FILE_PATH, given, input_option, json_option, output_option
-from models.console import as_called
+from models.commands.console import as_called
+from models.commands.options import ABOVE_ZERO, FILE_PATH, given, input_option, json_option, output_option
 from models.errors import BadInput
 from models.messages import counted
 

@@ -10,15 +10,16 @@ from typing import Any
 
 import click
 
-from models.command_line import ABOVE_ZERO, Number, gathered, given, out_folder_option, typed_again
-from models.console import Progress, Status, as_called
+from models.commands.console import Progress, Status, as_called
+from models.commands.options import ABOVE_ZERO, Number, gathered, given, out_folder_option
+from models.commands.program import typed_again
 from models.files import made_folder, result_folder
-from sysid.cli.calibrate import BoardOptions, calibrate
+from sysid.cli.clips.calibrate import BoardOptions, calibrate
+from sysid.cli.clips.tables import TABLE_HELP, diameter_option, table_set
+from sysid.cli.clips.track import track
 from sysid.cli.common import accept_camera_option, mass_option, palette_option
-from sysid.cli.compare import check
-from sysid.cli.discovery import discover
-from sysid.cli.tables import TABLE_HELP, diameter_option, table_set
-from sysid.cli.track import track
+from sysid.cli.identification.compare import check
+from sysid.cli.identification.discovery import discover
 
 CAMERA_FILE, CAMERA_PICTURE, SHEET_FILE = "camera.toml", "camera.png", "shots.png"
 JOINED_VERBS = (

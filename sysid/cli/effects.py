@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from models.command_line import FILE_PATH, effects_option, input_option, json_option, out_option
-from models.console import Progress, Status, as_called, write_json
+from models.commands.console import Progress, Status, as_called, write_json
+from models.commands.options import FILE_PATH, effects_option, input_option, json_option, out_option
 from models.errors import BadInput
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, effects_option, out_option
-from models.console import Progress, Status
+from models.commands.console import Progress, Status
+from models.commands.options import FILE_PATH, effects_option, out_option
 from models.errors import BadInput
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, RESULT_FILE, at_most_one, json_option
-from models.console import Progress, Status, print_constants, write_json
+from models.commands.console import Progress, Status, print_constants, write_json
+from models.commands.options import FILE_PATH, RESULT_FILE, at_most_one, json_option
 from models.errors import BadInput
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from models.command_line import FILE_PATH, effects_option, gathered
-from models.console import Progress
+from models.commands.console import Progress
+from models.commands.options import FILE_PATH, effects_option, gathered
 from models.errors import BadInput
 from sysid.cli.common import Start
 from sysid.cli.viewing import Viewing
@@ -67,7 +67,7 @@ def _review_clips(
     shots: Path, model_files: tuple[Path, ...], video: Path | None, viewing: Viewing, progress: Progress
 ) -> int:  # fmt: skip
     """Record a clip set: its films, the measured shots, and those of each model named."""
-    from sysid.cli.compare import labels_of
+    from sysid.cli.identification.compare import labels_of
     from sysid.clips import read_clip_set
     from sysid.clips.choose import with_shots
     from sysid.clips.trust import camera_doubts, tell_doubts

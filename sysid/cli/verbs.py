@@ -5,23 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from models.command_line import Program, run
-from sysid.cli import (
-    calibrate,
-    compare,
-    discovery,
-    doctor,
-    effects,
-    export,
-    foreign,
-    init,
-    markers,
-    match,
-    measure,
-    plot,
-    review,
-    track,
-)
+from models.commands.program import Program, run
+from sysid.cli import doctor, effects, export, match, review
+from sysid.cli.clips import calibrate, foreign, init, markers, track
+from sysid.cli.identification import compare, discovery, measure, plot
 
 PROGRAM = Program(
     "sysid",

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from models.command_line import at_most_one, given, output_option
-from models.console import Progress, Status
+from models.commands.console import Progress, Status
+from models.commands.options import at_most_one, given, output_option
 from models.errors import BadInput
 from models.files import scratch_folder
 from sysid.cli.common import print_recording

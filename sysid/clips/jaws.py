@@ -13,7 +13,7 @@ import dataclasses
 import numpy as np
 
 from models.analytic.pocket import jaw_gaps, pockets_of
-from models.console import named
+from models.commands.console import named
 from models.errors import BadInput
 from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet, Observation

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.console import as_called
+from models.commands.console import as_called
 from models.errors import BadInput, one_line
 from models.files.faults import Faults, TooManyFaults
 from models.files.limits import MAX_SET_BYTES, excess

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from sysid.estimation.fitted import MISS_OVER_AXIS, FittedModel
 from sysid.selection.next_shot import NextShot
 from sysid.selection.result import DiscoveryResult

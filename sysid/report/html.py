@@ -18,8 +18,9 @@ from models.model_file import Estimate, Model
 from models.report.chart import Chart, embedded
 from models.report.numbers import NO_VALUE, millimetres, number, value_with_sd
 from models.report.page import write_page
+from sysid.report.finding import INTERVAL_SDS
 from sysid.report.findings import NOTHING_MISSING, confounded_lines, round_rows
-from sysid.report.health import INTERVAL_SDS, health, health_lines
+from sysid.report.health import health, health_lines
 from sysid.report.pictures.figures import (
     Rung,
     curve_charts,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from models.console import Progress, write_json
+from models.commands.console import Progress, write_json
 from models.messages import counted
 from models.model_file import write_model
 from models.shot import Track

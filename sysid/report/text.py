@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from models.console import table
+from models.commands.console import table
 from models.messages import counted
 from sysid.residuals.compare import coverage
 from sysid.residuals.comparison import Comparison

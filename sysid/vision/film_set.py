@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.errors import BadInput
 from sysid.clips import ClipSet, write_clip_set
 from sysid.vision.film import Taken, TrackedFilm, film_mark, track_same_film, tried_film

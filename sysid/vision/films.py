@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from models.console import named
+from models.commands.console import named
 from models.errors import BadInput
 from models.recording.film import Film
 from sysid.clips import Clip, ClipSet

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from models.console import table
+from models.commands.console import table
 from models.messages import counted
 from sysid.vision.camera.projection import Camera
 from sysid.vision.details import Details

@@ -133,7 +133,7 @@ def module_fault(name: str, words: list[str]) -> str:
 
 
 def declared(source: str) -> set[str]:
-    """Options among the string constants of a source, and those of models.command_line's decorators that it calls."""
+    """Options among the string constants of a source, and those that models.commands declares for it."""
     tree = ast.walk(ast.parse(source))
     found: set[str] = set()
     for node in tree:

@@ -22,7 +22,7 @@ import sysid
 import sysid.vision
 from models.messages import OptionError, option
 from models.report.sheet import Presented, Sheet
-from sysid.cli.demo import EXAMPLE_FOLDER
+from sysid.cli.identification.demo import EXAMPLE_FOLDER
 from sysid.foreign.columns import named
 from sysid.vision import write_camera
 from tests.architecture.source import ROOT

@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-from models.console import table
+from models.commands.console import table
 from tests.bench import peers
 from tests.bench.accuracy import cloth_rows, hidden_rows
 from tests.bench.growth import clip_growth, noted, shot_growth

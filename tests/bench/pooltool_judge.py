@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from models.model_file import Estimate, Model, full_model
 from models.presets import TableSet, find_table
 from models.shot import GRAVITY, Array, Shot

@@ -26,7 +26,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from models.mjcf.export import export
 from models.mjcf.native import Native, solref
 from models.model_file import Model

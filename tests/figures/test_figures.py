@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.errors import BadInput
 from robot.learning.summary import figures
 from tests.figures.__main__ import entered

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.shot import Array, Table
 from sysid.vision.camera.projection import Camera, write_camera
 from tests.footage.cameras import aimed, in_view, overhead

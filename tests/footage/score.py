@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from models.shot import NOSE_COSINE, Array
 from sysid.clips import Clip, read_clip_set
 from sysid.vision.camera.projection import Camera, read_camera

@@ -22,7 +22,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from models.shot import Array
 from sysid.cli.verbs import main as sysid
 from sysid.clips import read_clip_set

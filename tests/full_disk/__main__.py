@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from tests.full_disk.course import Course, NotHere, Tally, prepare
 from tests.full_disk.disk import can_mount
 from tests.full_disk.works import WORKS, film

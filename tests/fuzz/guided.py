@@ -20,7 +20,7 @@ except ImportError:
 WATCHED = (
     "models.files", "models.model_file", "planner.scene", "planner.planning", "planner.launcher.cueing_map",
     "planner.launcher.execution", "robot.cueing.campaign", "robot.device.protocol", "robot.device.settings",
-    "robot.learning.history", "robot.play", "sysid.clips.header", "sysid.clips.read", "sysid.clips.rows",
+    "robot.learning.history", "robot.order", "sysid.clips.header", "sysid.clips.read", "sysid.clips.rows",
     "sysid.estimation.solver.journal", "sysid.foreign", "sysid.new_effect", "sysid.vision.balls.colours.palette",
     "sysid.vision.camera.pictures.clicks",
 )  # fmt: skip

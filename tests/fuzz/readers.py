@@ -33,7 +33,7 @@ from robot.device.protocol import Reader as LineReader
 from robot.device.protocol import parse_status
 from robot.device.settings import read_settings
 from robot.learning.history import read_history
-from robot.play import read_order
+from robot.order import read_order
 from sysid.clips import read_clip_set
 from sysid.estimation.solver.journal import Journal
 from sysid.foreign.convert import ShotFile, Stated, import_files

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from sysid.prepare import prepare
 from tests.kills.course import SIGNALS, Course, Tally
 from tests.kills.works import WORKS

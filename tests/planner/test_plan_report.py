@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.recording.plan import dropped, fate, outline, sentence, write_plan
+from models.recording.plan import write_plan
+from models.recording.planned import dropped, fate, outline, sentence
 from models.shot import Array, Table
 from planner.report import write_picture, write_report
 from tests.support.html_pages import STRANGE, Page

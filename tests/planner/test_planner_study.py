@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import planner.cli
-from models.console import Progress, Status
+from models.commands.console import Progress, Status
 from models.model_file import Estimate, effect_class, full_model, read_model
 from models.shot import Ball, Table, largest_overlap
 from models.workers import open_workers

@@ -7,7 +7,7 @@ import dataclasses
 from planner.evaluation.risk import draw_errors, evaluate
 from planner.evaluation.value import UtilityWeights
 from planner.launcher.execution import Execution
-from planner.planning import reasons
+from planner.reasons import reasons
 from planner.search.candidates import open_routes
 from planner.search.search import RankedStroke
 from tests.support.planned_shots import ready, straight, stroke

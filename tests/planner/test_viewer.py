@@ -25,7 +25,7 @@ from planner.example_environment import example_scene
 from planner.planning import PLAN_FORMAT
 from planner.scene import scene_dict
 from planner.viewer import RESET_KEY, STRIKE_KEY, Setup, ViewedWorld, watch
-from sysid.cli.demo import EXAMPLE_FOLDER as CLIPS
+from sysid.cli.identification.demo import EXAMPLE_FOLDER as CLIPS
 from sysid.clips import read_clip_set
 from tests.support.running_clips import cut_in_motion, written_running
 

@@ -23,7 +23,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPRegressor
 from threadpoolctl import threadpool_limits
 
-from models.console import table
+from models.commands.console import table
 from models.errors import BadInput
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CueShot, read_campaign

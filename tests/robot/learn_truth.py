@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, launch
-from models.console import Progress
+from models.commands.console import Progress
 from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.shot import GRAVITY, Array, Track

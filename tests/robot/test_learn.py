@@ -26,8 +26,9 @@ from planner.launcher.stroke import stroke_terms
 from robot.cueing.map_fit import PRIOR_SD
 from robot.device.settings import Settings
 from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
+from robot.learning.ending import why_ended
 from robot.learning.history import History, fit_folder, read_history
-from robot.learning.loop import begin, why_ended
+from robot.learning.loop import begin
 from robot.learning.refit import MIN_STROKES, Learnt, learn_launcher, with_commands
 from sysid.cli.common import Start
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, write_clip_set

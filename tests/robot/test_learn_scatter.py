@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from robot.learning.loop import why_ended
+from robot.learning.ending import why_ended
 from tests.support.series_samples import story
 
 

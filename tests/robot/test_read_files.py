@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models.analytic.cue_impulse import Constants, Geometry
-from models.command_line import lone_command, run
+from models.commands.program import lone_command, run
 from models.contract.checks import BALL, TABLE
 from models.errors import BadInput
 from models.files.limits import MAX_DEPTH

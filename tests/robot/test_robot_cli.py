@@ -19,7 +19,7 @@ import pytest
 import robot.cli.play
 from models.model_file import write_model
 from planner.scene import scene_from, write_scene
-from robot.cli import measure
+from robot.cli import strings as verbs
 from robot.cli.first_byte import begin_stop
 from robot.cli.verbs import main
 from robot.cueing import repeated
@@ -30,7 +30,8 @@ from robot.device.settings import read_settings, write_settings
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.paper import PaperFirmware
-from robot.play import played_file, read_order
+from robot.order import read_order
+from robot.play import played_file
 from sysid.clips import read_clip_set
 from tests.support.clip_samples import contents
 from tests.support.commands import Said, said_by
@@ -283,15 +284,15 @@ def test_a_port_is_calibrated_after_a_yes(run: Run, tmp_path: Path, monkeypatch:
 
 
 def test_options_default_to_what_is_measured_without_them() -> None:
-    assert measure.repeat.make_context("repeat", []).params["repeats"] == repeated.DEFAULT_REPEATS
-    assert measure.calibrate.make_context("calibrate", ["--out", "x"]).params["repeats"] == calibrate.DEFAULT_REPEATS
+    assert verbs.repeat.make_context("repeat", []).params["repeats"] == repeated.DEFAULT_REPEATS
+    assert verbs.calibrate.make_context("calibrate", ["--out", "x"]).params["repeats"] == calibrate.DEFAULT_REPEATS
 
 
 def test_strings_take_several_numbers() -> None:
     for words, strings in (
         (["--strings", "40", "160", "--repeats", "2"], (40, 160)), (["--strings=40", "--strings", "60"], (40, 60)),
     ):  # fmt: skip
-        assert measure.repeat.make_context("repeat", words).params["strings"] == strings
+        assert verbs.repeat.make_context("repeat", words).params["strings"] == strings
 
 
 def test_an_interrupt_stops_the_launcher_first(run: Run, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:

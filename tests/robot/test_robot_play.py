@@ -22,7 +22,8 @@ from robot.device.settings import Settings, SpeedTable
 from robot.emulator.faults import FAULT_KINDS, REPLY_FAULTS, REQUEST_FAULTS, FaultInjection
 from robot.emulator.firmware import Firmware
 from robot.emulator.table import EmulatedOptions, EmulatedTable, emulated_launcher
-from robot.play import Played, check_scene, play_plan, played_file, read_order
+from robot.order import check_scene, read_order
+from robot.play import Played, play_plan, played_file
 from sysid.clips import Observation, check_clip_set, read_clip_set
 from tests.support.clip_samples import contents
 from tests.support.robot_plans import BALL, MODEL, OURS, REST, TABLE, straight_plan, struck

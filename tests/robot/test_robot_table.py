@@ -23,7 +23,8 @@ from robot.emulator.table import PLACE_SIGMA_M
 from robot.learning.history import plan_file
 from robot.learning.live_rig import LiveRig
 from robot.learning.loop import learn
-from robot.play import played_file, read_order
+from robot.order import read_order
+from robot.play import played_file
 from robot.table.placing import MAX_PLACING_TRIES, PLACING_TOLERANCE_M
 from sysid.clips import read_clip_set
 from sysid.vision import write_camera

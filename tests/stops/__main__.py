@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.console import table
+from models.commands.console import table
 from tests.stops.rounds import FROM_ELSEWHERE, MAY_GO_ON, STANDS_WITHIN_S, WAYS, Round, play
 
 

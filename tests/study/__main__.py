@@ -12,7 +12,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.errors import BadInput
 from models.workers import open_workers
 from tests.study.plan import Entry, plan

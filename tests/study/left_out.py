@@ -19,7 +19,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from models.console import table, write_json
+from models.commands.console import table, write_json
 from models.model_file import Model, catalogue, full_model
 from models.shot import Shot
 from models.simulation.simulate import simulate

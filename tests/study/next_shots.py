@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from models.console import table, write_json
+from models.commands.console import table, write_json
 from models.model_file import full_model
 from sysid.clips import read_clip_set
 from sysid.selection.discover import discover

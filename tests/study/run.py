@@ -21,7 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.interrupts import given_up_when
 from tests.study.plan import Entry, plan
 

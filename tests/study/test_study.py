@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.model_file import catalogue
 from tests.study import __main__ as command
 from tests.study import run

@@ -20,7 +20,7 @@ from robot.cli.verbs import main
 from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
 from robot.emulator.table import CAMERA_FPS, PLACE_SIGMA_M, EmulatedTable, emulated_launcher
-from robot.play import read_order
+from robot.order import read_order
 from sysid.vision import CueLine
 from tests.support.commands import Said
 from tests.support.robot_plans import OURS, struck

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.shot import Table
-from sysid.cli.calibrate import calibrate as cli_calibrate
+from sysid.cli.clips.calibrate import calibrate as cli_calibrate
 from sysid.vision.camera.calibrate import Calibration, calibrate
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.camera.table.reading import CameraHints

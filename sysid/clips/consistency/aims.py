@@ -10,7 +10,7 @@ import shlex
 
 import numpy as np
 
-from models.console import as_called
+from models.commands.console import as_called
 from models.shot import Array
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.consistency.contradiction import ALL_CLIPS, Contradiction

@@ -16,7 +16,7 @@ from models.messages import counted
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.trust import with_doubts
 from sysid.vision.camera.projection import Array, Camera, ball_of
-from sysid.vision.tracks.strikes import TrackedShot
+from sysid.vision.tracks.shots.strikes import TrackedShot
 from sysid.vision.tracks.track import Tracked
 
 

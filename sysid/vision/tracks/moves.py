@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.shot import Table
 from sysid.vision.camera.projection import Array
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.phases import Phase, phases
 
 MIN_REST_DETECTIONS = 3  # two parabolas that meet make a rest of two

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 
 DEFAULT_NOISE_RADII = 0.01  # standard deviation to use where it cannot be estimated, in ball radii

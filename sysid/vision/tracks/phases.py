@@ -21,7 +21,7 @@ from models.compiled import compiled
 
 if TYPE_CHECKING:
     from sysid.vision.camera.projection import Array
-    from sysid.vision.tracks.follow import BallTrack
+    from sysid.vision.tracks.following.follow import BallTrack
 
 # Standard deviations of a phase before it is seen: players strike at up to 8 m/s, and sliding friction is 0.2 g.
 SPEED_SD_M_S = 3.0

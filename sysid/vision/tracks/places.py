@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 
 CENTRE_ERROR_PX = 0.17  # rms distance between the centre found and the true one, of balls at rest in rendered films
 ERROR_LABELS = {"noise": "noise", "centre": "light on the balls", "camera": "camera", "readout": "unknown readout"}

@@ -6,7 +6,7 @@ In: the scene and a track. Out: the track without them.
 from __future__ import annotations
 
 from models.messages import counted
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
 
 

@@ -22,20 +22,20 @@ from sysid.vision.balls.colours.faces import ANY_BALL
 from sysid.vision.balls.discs import Shutter
 from sysid.vision.camera.camera_motion import SteadyView
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.following.follow import BallTrack, Follower
+from sysid.vision.tracks.following.naming import named
+from sysid.vision.tracks.following.retrace import Retracer
 from sysid.vision.tracks.moves import TrackedScene
-from sysid.vision.tracks.naming import named
 from sysid.vision.tracks.noise import DEFAULT_NOISE_RADII, Noise, difference_noise, estimate_noise
-from sysid.vision.tracks.picks import UNEVEN_SD, seem_uneven
-from sysid.vision.tracks.picture_times import TimedTracks, set_right
 from sysid.vision.tracks.places import PlaceError, place_error
-from sysid.vision.tracks.retrace import Retracer
-from sysid.vision.tracks.running import running_shots
-from sysid.vision.tracks.spins import face_change, spins
-from sysid.vision.tracks.stamps import marked
+from sysid.vision.tracks.shots.running import running_shots
+from sysid.vision.tracks.shots.spins import face_change, spins
+from sysid.vision.tracks.shots.strikes import TrackedShot, split_shots
+from sysid.vision.tracks.shots.unsaid import unsaid
 from sysid.vision.tracks.strays import without_strays
-from sysid.vision.tracks.strikes import TrackedShot, split_shots
-from sysid.vision.tracks.unsaid import unsaid
+from sysid.vision.tracks.times.picks import UNEVEN_SD, seem_uneven
+from sysid.vision.tracks.times.picture_times import TimedTracks, set_right
+from sysid.vision.tracks.times.stamps import marked
 
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detection, Detector

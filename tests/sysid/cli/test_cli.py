@@ -248,7 +248,7 @@ def test_models_are_set_beside_each_other(run: Any, filmed: Path, model: Path, t
     ("verb", "where"),
     [
         ("fit", "sysid.estimation.clip_fit.fit_from_nothing"), ("compare", "sysid.residuals.compare.polished"),
-        ("fit", "models.model_file.tomli_w.dumps"), ("compare", "models.console.json.dumps"),
+        ("fit", "models.model_file.tomli_w.dumps"), ("compare", "models.commands.console.json.dumps"),
     ],
 )  # fmt: skip
 def test_an_interruption_leaves_no_half_written_file(

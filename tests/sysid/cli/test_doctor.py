@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import pytest
 
-from models.console import Status
+from models.commands.console import Status
 from sysid.cli import doctor
 from sysid.cli.verbs import main
 from tests.fuzz.verbs import SEEDS

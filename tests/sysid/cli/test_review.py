@@ -13,7 +13,7 @@ import cv2
 import pytest
 
 import models.recording.viewer as viewer
-from models.console import Progress
+from models.commands.console import Progress
 from models.errors import BadInput
 from models.recording.shots import write_review
 from models.recording.viewer import own_settings

@@ -8,8 +8,8 @@ import pytest
 
 from models.errors import BadInput
 from models.presets import TABLE_SETS
-from sysid.cli.calibrate import TableSize
-from sysid.cli.tables import TableOptions, table_set
+from sysid.cli.clips.calibrate import TableSize
+from sysid.cli.clips.tables import TableOptions, table_set
 from sysid.vision.camera.projection import read_camera, write_camera
 from tests.support.table_views import over_table
 

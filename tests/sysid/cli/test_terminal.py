@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from models.console import as_called
+from models.commands.console import as_called
 from models.model_file import full_model, write_model
 from models.shot import Ball, Table
 from sysid.cli import main

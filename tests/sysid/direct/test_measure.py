@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import GRAVITY, Ball, Table
-from sysid.cli.measure import measure as cli_measure
+from sysid.cli.identification.measure import measure as cli_measure
 from sysid.clips import read_clip_set
 from sysid.direct.cushion import CUSHION_RATIO
 from sysid.direct.deceleration import fit_deceleration

@@ -17,8 +17,10 @@ from models.effects.cloth.worn_patch import WornPatch
 from models.effects.impact.nose_height import NoseHeight, NoseHeightPy
 from models.model_file import Estimate, Model, catalogue, full_model
 from models.shot import Ball, Table
-from sysid.report.health import JUDGES, NOT_CONVERGED_LINE, NOT_DETERMINED, health, health_lines
+from sysid.report.finding import NOT_DETERMINED
+from sysid.report.health import NOT_CONVERGED_LINE, health, health_lines
 from sysid.report.html import write_report
+from sysid.report.judges import JUDGES
 from sysid.report.typical import AT_FAST_SLIP, AT_LOW_SPEED, AT_ONE_METRE_PER_SECOND, TYPICAL_RANGES
 from tests.support.comparison_samples import comparison
 

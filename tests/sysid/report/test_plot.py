@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.shot import Track
-from sysid.cli.demo import EXAMPLE_FOLDER
+from sysid.cli.identification.demo import EXAMPLE_FOLDER
 from sysid.cli.verbs import main
 from sysid.clips import ClipSet, read_clip_set
 from sysid.report.pictures.plot import _at, _speeds, shot_png, tracks_png

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.console import write_json
+from models.commands.console import write_json
 from models.model_file import Model, effect_class, full_model
 from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.report.text import in_words, print_comparison

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models.console import Status
+from models.commands.console import Status
 from models.model_file import catalogue, full_model, read_model
 from models.simulation.simulate import simulate
 from sysid import cli

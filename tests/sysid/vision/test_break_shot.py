@@ -14,8 +14,8 @@ from sysid.vision.balls.detect import Detection
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.frames import Frame
-from sysid.vision.tracks.follow import Follower
-from sysid.vision.tracks.retrace import Retracer
+from sysid.vision.tracks.following.follow import Follower
+from sysid.vision.tracks.following.retrace import Retracer
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead
 from tests.footage.film import BALLS, Look, Spot, film

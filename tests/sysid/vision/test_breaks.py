@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from models.shot import Table
-from sysid.vision.tracks.breaks import first_break
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
+from sysid.vision.tracks.shots.breaks import first_break
 
 
 def first_jump(tracks: list[BallTrack], first: int, last: int) -> tuple[int, str]:

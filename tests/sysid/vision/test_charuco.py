@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from sysid.cli.calibrate import BoardOptions
+from sysid.cli.clips.calibrate import BoardOptions
 from sysid.vision.camera.board import Board, lens_of
 from sysid.vision.camera.projection import Camera
 from tests.footage.film import Picture

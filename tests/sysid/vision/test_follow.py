@@ -12,8 +12,8 @@ import pytest
 from models.shot import Array
 from sysid.vision.balls.detect import Detection
 from sysid.vision.camera.projection import Camera
-from sysid.vision.tracks.follow import BallTrack, Follower
-from sysid.vision.tracks.prediction import State, predict_impacts
+from sysid.vision.tracks.following.follow import BallTrack, Follower
+from sysid.vision.tracks.following.prediction import State, predict_impacts
 from tests.support.followed_balls import CAMERA, FPS, random_tracks, sightings
 
 

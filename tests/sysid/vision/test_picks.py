@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from models.shot import Array
-from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.following.follow import BallTrack, Follower
+from sysid.vision.tracks.following.prediction import State
 from sysid.vision.tracks.noise import _parabola_residual
-from sysid.vision.tracks.picks import find_picks, seem_uneven
-from sysid.vision.tracks.picture_times import TimedTracks, set_right
-from sysid.vision.tracks.prediction import State
+from sysid.vision.tracks.times.picks import find_picks, seem_uneven
+from sysid.vision.tracks.times.picture_times import TimedTracks, set_right
 from tests.support.followed_balls import CAMERA, FPS, NAMES, Recording, sightings
 
 PERIOD = 1 / 30

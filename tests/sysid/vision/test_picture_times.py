@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.vision.tracks.follow import Follower
-from sysid.vision.tracks.picture_times import TimedTracks, set_right
-from sysid.vision.tracks.rates import regular_gaps
+from sysid.vision.tracks.following.follow import Follower
+from sysid.vision.tracks.times.picture_times import TimedTracks, set_right
+from sysid.vision.tracks.times.rates import regular_gaps
 from tests.support.followed_balls import CAMERA, NAMES, Recording, sightings
 
 RATE = 60.0  # of the camera

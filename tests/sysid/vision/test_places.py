@@ -11,7 +11,7 @@ import pytest
 
 from models.shot import Table
 from sysid.vision.camera.projection import read_camera, write_camera
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.places import CENTRE_ERROR_PX, PlaceError, place_error
 from tests.footage.cameras import overhead
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sysid.clips.plausibility import MIN_STRUCK_SAMPLES
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.track import tracked
 from tests.support.followed_balls import CAMERA
 

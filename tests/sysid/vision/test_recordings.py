@@ -15,7 +15,7 @@ from sysid.vision.frames import Frame
 from sysid.vision.sheet import TEXT_PX, TEXT_SCALE, wrapped
 from sysid.vision.tracks.clips import clip_set
 from sysid.vision.tracks.recordings import check_camera, finished, joined, names_of, of_video, videos_in
-from sysid.vision.tracks.stamps import PictureChange, doubled, is_doubled, marked, missing
+from sysid.vision.tracks.times.stamps import PictureChange, doubled, is_doubled, marked, missing
 from tests.footage.cameras import overhead
 from tests.support.followed_balls import BALL, CAMERA, FPS, Recording, tracked_of
 

@@ -11,9 +11,9 @@ from models.shot import Table
 from sysid import cli
 from sysid.clips import read_clip_set
 from sysid.direct.measure import measure
-from sysid.vision.tracks.follow import BallTrack
+from sysid.vision.tracks.following.follow import BallTrack
 from sysid.vision.tracks.moves import TrackedScene
-from sysid.vision.tracks.spins import face_change, spins
+from sysid.vision.tracks.shots.spins import face_change, spins
 from tests.footage.__main__ import main as film
 from tests.truth.__main__ import main as generate
 

@@ -12,10 +12,10 @@ import pytest
 from models.errors import BadInput
 from sysid.clips import check_clip_set, read_clip_set, write_clip_set
 from sysid.vision.tracks.clips import Extra, clip_set
-from sysid.vision.tracks.follow import BallTrack, Follower
+from sysid.vision.tracks.following.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import Noise, estimate_noise, residuals
-from sysid.vision.tracks.strikes import balls_there
+from sysid.vision.tracks.shots.strikes import balls_there
 from sysid.vision.tracks.track import tracked
 from tests.support.followed_balls import (
     BALL,

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from models.console import Progress
+from models.commands.console import Progress
 from models.errors import BadInput
 from models.model_file import full_model
 from models.recording.video import Sightings, write_track
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
-from sysid.cli.track import track as cli_track
+from sysid.cli.clips.track import track as cli_track
 from sysid.clips import read_clip_set
 from sysid.clips.trust import camera_doubts
 from sysid.vision.balls.detect import Detector

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.vision.tracks.unsaid import unsaid
+from sysid.vision.tracks.shots.unsaid import unsaid
 from tests.support.followed_balls import FPS, Recording, tracked_of
 
 

@@ -1,0 +1,1 @@
+"""Verbs that make a clip set: markers, calibrate, track, import, init; and how a table's size is given."""

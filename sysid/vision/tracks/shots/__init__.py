@@ -1,0 +1,1 @@
+"""From moves to shots: strikes, motion without one, spins in place; where a path breaks, and what is in no shot."""
