@@ -17,7 +17,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence, Set
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
@@ -147,13 +147,14 @@ def run(
         status, fault = Status.BAD_INPUT, str(unwritable(where, error)) if error.errno in NO_ROOM else text
     except MemoryError:
         status, fault = Status.BAD_INPUT, "out of memory; give less input at a time"
-    if not _flushed():
+    if not _flushed(sys.stdout):
         status = status or Status.BAD_INPUT
     if fault:
         with contextlib.suppress(OSError):  # stderr is closed: only the status remains
             progress.close()
             for line in (fault, *more):
                 print(one_line(f"{path}: {line}"), file=sys.stderr)
+        _flushed(sys.stderr)
     return status
 
 
@@ -215,12 +216,12 @@ def _missing(error: click.MissingParameter, context: click.Context, path: str, w
     return f"missing {named(absent)}; {remedy}"
 
 
-def _flushed() -> bool:
-    """Flush all output; returns whether that worked, and else discards the rest, so that the interpreter is quiet."""
+def _flushed(stream: TextIO) -> bool:
+    """Flush a stream; returns whether that worked, and else discards the rest, so that the interpreter is quiet."""
     try:
-        sys.stdout.flush()
+        stream.flush()
     except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         return False
     return True
 
