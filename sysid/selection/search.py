@@ -73,6 +73,11 @@ class Round(Generic[V]):
         """The effect that was added."""
         return self.screening.best.name if self.screening.best else None
 
+    @property
+    def shape(self) -> Shape:
+        """The last shape of the formula."""
+        return self.formula.groups[-1] if self.formula else ()
+
 
 def next_cause(
     view: V, formula: SparseFormula | None = None, error_rate: float = ERROR_RATE, *, joint: bool = False
@@ -81,7 +86,8 @@ def next_cause(
 
     A fit that lacks much may have constants so biased that the scores of the missing causes vanish. If an unknown
     function or a term is likeliest, or the likeliest effects are refused, it is fitted first; its replacement is then
-    sought with the losses of the shots that this fit follows, and fitted from there.
+    sought with the losses of the shots that this fit follows, and fitted from there. A shape that replaces it must
+    explain more than the effects that are likely for the fit without the function.
 
     If something is likelier than chance, and no cause is accepted, the cause may act at one rail or ball only, and
     depend there on anything else. Such functions, which are many, are scored last.
@@ -112,7 +118,10 @@ def next_cause(
         beside = less.beside(start)
         instead = _effects(view, start, beside, there, threshold, rival, seen.hook(function))
         found = _with_shape(view, start, beside, there, formula, instead)
-        if found.view is not view:
+        if found.view is not view and found.name is not None:
+            return found
+        effects = effects or _effects(view, view, less, seen, threshold)
+        if found.view is not view and (effects.best is None or outdoes(found.view, found.shape, effects.best)):
             return found
     effects = effects or _effects(view, view, less, seen, threshold)
     found = _with_shape(view, view, less, seen, formula, effects)
