@@ -130,9 +130,9 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     sized = [one for one in unknowns if one.sized]  # all shots share a fitted place in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
-    each, rates = (told / more.design_effect for told in more.shots)
+    information, gradient = (part / more.design_effect for part in more.shots)
     held = less.held_gain(more) / more.design_effect
-    one = over_one_shot(_away(more, sized), sized, _rows(more, sized), each, rates) + max(held, 0.0)
+    one = over_one_shot(_away(more, sized), sized, _rows(more, sized), information, gradient) + max(held, 0.0)
     names = ", ".join(one.name for one in unknowns)
     log.info(
         "%s: log odds %.1f over nothing, %.1f over separate values for each shot, %.1f over one shot's, held out %.0f",
@@ -241,8 +241,9 @@ def over_one_shot(
     count, sizes, found = len(gradient), covariances(unknowns), []
     for k in range(count):
         others = np.arange(count) != k
-        told, pull = (each.sum(axis=0) for each in projected_on(information[others], gradient[others], rows))
-        found.append(float(mean_odds(log_odds(told, told @ away - pull, sizes))))
+        total, slope = (each[others].sum(axis=0, keepdims=True) for each in (information, gradient))
+        (own,), (pull,) = projected_on(total, slope, rows)
+        found.append(float(mean_odds(log_odds(own, own @ away - pull, sizes))))
     return min(found) + math.log(count)
 
 

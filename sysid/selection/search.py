@@ -106,6 +106,7 @@ def next_cause(
     less = view.continued()
     effects = _effects(view, view, less, seen, threshold) if first.name in seen.named else None
     function = next((one for one in seen.found if one.name not in seen.named), None)
+    found: Round[V] | None = None
     if function and function.log_odds > threshold.least and (effects is None or effects.best is None):
         unnamed = seen.unnamed(function)
         free = view.with_effect(unnamed).renewed().searched()
@@ -118,12 +119,11 @@ def next_cause(
         beside = less.beside(start)
         instead = _effects(view, start, beside, there, threshold, rival, seen.hook(function))
         found = _with_shape(view, start, beside, there, formula, instead)
-        if found.view is not view and found.name is not None:
-            return found
-        effects = effects or _effects(view, view, less, seen, threshold)
-        if found.view is not view and (effects.best is None or outdoes(found.view, found.shape, effects.best)):
+        if found.name is not None:
             return found
     effects = effects or _effects(view, view, less, seen, threshold)
+    if found and found.view is not view and (effects.best is None or outdoes(found.view, found.shape, effects.best)):
+        return found
     found = _with_shape(view, view, less, seen, formula, effects)
     if found.view is view and not joint:
         more = next_cause(view, formula, error_rate, joint=True)

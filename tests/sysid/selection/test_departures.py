@@ -93,7 +93,7 @@ def test_a_clip_with_a_wrong_clock_is_named_and_no_effect_is(tmp_path: Path, row
 
 @pytest.mark.slow
 def test_a_clip_that_alone_shows_an_effect_is_excluded_with_the_impact_named(tmp_path: Path) -> None:
-    """Only clip 12 tells of the friction of the cushion at +x, which is first named in windows."""
+    """Clip 12 alone shows the friction of the cushion at +x, which is first named in windows."""
     words = ["--seed", "30252", "--clips", "12", "--sigma", "0.0005", "--missing", "0.01", "--seconds", "4"]
     assert generate([str(tmp_path / "set"), *words, "--constant", "muc_px=0.015"]) == 0
     clip_set = read_clip_set(tmp_path / "set")
