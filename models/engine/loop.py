@@ -32,7 +32,7 @@ from models.engine.cluster import CROWD_GAP_M, note, through
 from models.engine.curve import lay_record
 from models.engine.impacts import deliver, is_crowded, part
 from models.engine.leaning import lean, release
-from models.engine.motion import POTTED, REST, advance, advance_all, arrive, pot
+from models.engine.motion import POTTED, REST, advance, advance_all, arrive, look, pot
 from models.engine.rigid import approach_speed, collide_alone, settle
 from models.engine.rubber import delay_rebound, push_out, stopped_in_rail
 from models.engine.touch import BALL, CUSHION, POCKET, SWITCH
@@ -41,23 +41,19 @@ from models.hooks import STROKE_FIELDS
 
 
 @compiled_in_place
-def _sample(balls, record, until, radius, alpha, keep):  # type: ignore[no-untyped-def]
+def _sample(balls, record, until, radius, alpha):  # type: ignore[no-untyped-def]
     """Write the balls at all times from the next sample on, up to a moment."""
     b, m, kind, times, cursor = balls.rows, balls.curves, balls.kind, record.times, record.cursor
-    while cursor[0] < times.size and times[cursor[0]] <= until:
-        for i in range(b.shape[0]):
-            o = record.out[cursor[0], i]
+    first = last = cursor[0]
+    while last < times.size and times[last] <= until:
+        last += 1
+    for i in range(b.shape[0]):
+        for k in range(first, last):
             if kind[i] == POTTED:
-                o[:] = np.nan
-                continue
-            for x in range(col.COLUMN_COUNT):
-                keep[x] = b[i, x]
-            advance(b[i], m[i], kind[i], times[cursor[0]], radius, alpha)
-            for x in range(col.ROW_SIZE):
-                o[x] = b[i, x]
-            for x in range(col.COLUMN_COUNT):
-                b[i, x] = keep[x]
-        cursor[0] += 1
+                record.out[k, i, :] = np.nan
+            else:
+                look(b[i], m[i], kind[i], times[k], radius, alpha, record.out[k, i])
+    cursor[0] = last
 
 
 @compiled_within
@@ -212,7 +208,7 @@ def play_shot(work, start, stays, geometry, laws, options, record):  # type: ign
             break
         if done == options.most:
             break
-        _sample(balls, record, t, radius, alpha, work.keep)
+        _sample(balls, record, t, radius, alpha)
         now = t
         event, pressed = _bring(balls, notes, event, i, j, t, radius, alpha)
         pair = Pair(i, j, what[i, 1] if event == CUSHION else zero - 1)
@@ -241,7 +237,7 @@ def play_shot(work, start, stays, geometry, laws, options, record):  # type: ign
         if event != SWITCH:
             note(record, t, event, i, j if event == BALL else what[i, 1])
     if ended == ended:
-        _sample(balls, record, until, radius, alpha, work.keep)
+        _sample(balls, record, until, radius, alpha)
         now = ended = _last_motion(b, kind, alpha) if until == np.inf else until
     _hand_back(balls, now, radius, alpha, start, record.potted)
     return ended

@@ -22,31 +22,47 @@ GOES_ON, SLIDE_ENDS, STOPS = 0.0, 1.0, 2.0  # how a curve ends: the motion conti
 
 
 @compiled_in_place
-def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
-    """Carry a ball b (col.COLUMN_COUNT,) along its motion to time t; m (STATE_SIZE, TERM_COUNT): its curve in time."""
+def look(b, m, kind, t, radius, alpha, row):  # type: ignore[no-untyped-def]
+    """Write the state of a ball b (col.COLUMN_COUNT,) at time t of its motion into a row of ROW_SIZE columns at least.
+
+    m (STATE_SIZE, TERM_COUNT): its curve in time. The row may be the ball itself.
+    """
     if kind == CURVE:
         if t != b[col.CLOCK]:
-            _follow(b, m, (t - b[col.BEGIN]) / b[col.SPAN], radius)
-            b[col.CLOCK] = t
+            _follow(b, m, (t - b[col.BEGIN]) / b[col.SPAN], radius, row, col.ROW_SIZE)
+            return
+        for x in range(col.ROW_SIZE):
+            row[x] = b[x]
         return
     dt = t - b[col.CLOCK]
+    vx, vy, wx, wy, wz = b[col.VX], b[col.VY], b[col.WX], b[col.WY], b[col.WZ]
+    x, y, turn, ax, ay = b[col.X], b[col.Y], b[col.TURN], b[col.AX], b[col.AY]
+    if dt != 0.0 and kind != POTTED:
+        if wz != 0.0:
+            more, wz = turned(wz, alpha, dt)
+            turn += more
+        if kind != REST:
+            x += (vx + 0.5 * ax * dt) * dt
+            y += (vy + 0.5 * ay * dt) * dt
+            vx += ax * dt
+            vy += ay * dt
+            if kind == SLIDE:
+                wx += 2.5 * ay * dt / radius
+                wy -= 2.5 * ax * dt / radius
+            else:
+                wx, wy = -vy / radius, vx / radius
+    row[col.X], row[col.Y], row[col.VX], row[col.VY] = x, y, vx, vy
+    row[col.WX], row[col.WY], row[col.WZ], row[col.TURN] = wx, wy, wz, turn
+
+
+@compiled_in_place
+def advance(b, m, kind, t, radius, alpha):  # type: ignore[no-untyped-def]
+    """Carry a ball along its motion to time t, as `look`."""
+    if kind == CURVE and t != b[col.CLOCK]:
+        _follow(b, m, (t - b[col.BEGIN]) / b[col.SPAN], radius, b, col.STATE_SIZE)
+    elif kind != CURVE:
+        look(b, m, kind, t, radius, alpha, b)
     b[col.CLOCK] = t
-    if dt == 0.0 or kind == POTTED:
-        return
-    if b[col.WZ] != 0.0:
-        more, b[col.WZ] = turned(b[col.WZ], alpha, dt)
-        b[col.TURN] += more
-    if kind == REST:
-        return
-    b[col.X] += (b[col.VX] + 0.5 * b[col.AX] * dt) * dt
-    b[col.Y] += (b[col.VY] + 0.5 * b[col.AY] * dt) * dt
-    b[col.VX] += b[col.AX] * dt
-    b[col.VY] += b[col.AY] * dt
-    if kind == SLIDE:
-        b[col.WX] += 2.5 * b[col.AY] * dt / radius
-        b[col.WY] -= 2.5 * b[col.AX] * dt / radius
-    else:
-        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
 
 
 @compiled_in_place
@@ -57,15 +73,15 @@ def advance_all(balls, t, radius, alpha):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
-def _follow(b, m, s, radius):  # type: ignore[no-untyped-def]
-    """The state at part s of a curve."""
-    for k in range(col.STATE_SIZE):
+def _follow(b, m, s, radius, row, columns):  # type: ignore[no-untyped-def]
+    """So many columns of the state at part s of a curve."""
+    for k in range(columns):
         value = m[k, col.TERM_COUNT - 1]
         for n in range(col.TERM_COUNT - 2, -1, -1):
             value = value * s + m[k, n]
-        b[k] = value
+        row[k] = value
     if b[col.MODE] == ROLLING:  # its spin follows its velocity
-        b[col.WX], b[col.WY] = -b[col.VY] / radius, b[col.VX] / radius
+        row[col.WX], row[col.WY] = -row[col.VY] / radius, row[col.VX] / radius
 
 
 @compiled_in_place

@@ -82,7 +82,6 @@ class Workspace(NamedTuple):
     notes: Notes
     impact: ImpactWork
     curve: CurveWork
-    keep: Array  # (COLUMN_COUNT,) a ball while it is sampled
     cursor: Index  # (2,) number of the next sample, and of the next event to log
 
 
@@ -162,4 +161,4 @@ def workspace(n, curved):  # type: ignore[no-untyped-def]
     )  # fmt: skip
     impact = ImpactWork(np.zeros(10), np.zeros(rec.IMPACT_FIELDS))
     curve = CurveWork(np.zeros(col.STATE_SIZE), np.zeros((7, col.STATE_SIZE)))
-    return Workspace(balls, notes, impact, curve, np.zeros(col.COLUMN_COUNT), np.zeros(2, np.int64))
+    return Workspace(balls, notes, impact, curve, np.zeros(2, np.int64))

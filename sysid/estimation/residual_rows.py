@@ -237,19 +237,30 @@ def _lay_moving(start, u, most, moving, radius):  # type: ignore[no-untyped-def]
 
 
 @compiled_within
-def _hold_last(track, seen, n, position, velocity):  # type: ignore[no-untyped-def]
-    """Places and velocities of a track; a ball that has been potted stays where it was last."""
-    for i in range(n):
-        last_seen = 0
-        for k in range(seen):
-            if track[k, i, 0] == track[k, i, 0]:
-                last_seen = k
-            position[k, i, 0], position[k, i, 1] = track[last_seen, i, 0], track[last_seen, i, 1]
-            velocity[k, i, 0], velocity[k, i, 1] = track[last_seen, i, 2], track[last_seen, i, 3]
+def _hold_last(track, played, seen, potted, start):  # type: ignore[no-untyped-def]
+    """Leave balls that have been potted, and all where a shot is given up, where they were last, and as fast."""
+    for i in range(potted.size):
+        for k in range(played, seen):
+            for x in range(ROW_SIZE):
+                track[k, i, x] = track[k - 1, i, x] if k > 0 else start[i, x]
+        if potted[i]:
+            for k in range(1, seen):
+                if track[k, i, 0] != track[k, i, 0]:
+                    for x in range(4):
+                        track[k, i, x] = track[k - 1, i, x]
 
 
 @compiled_within
-def _write_row(out, w, seen, position, track, samples, weighting):  # type: ignore[no-untyped-def]
+def _report(track, seen, n, position, velocity):  # type: ignore[no-untyped-def]
+    """Places and velocities of a track, of which the camera reports places."""
+    for k in range(seen):
+        for i in range(n):
+            position[k, i, 0], position[k, i, 1] = track[k, i, 0], track[k, i, 1]
+            velocity[k, i, 0], velocity[k, i, 1] = track[k, i, 2], track[k, i, 3]
+
+
+@compiled_within
+def _write_row(out, w, seen, track, samples, weighting):  # type: ignore[no-untyped-def]
     """Residuals of shot w: places and angles against its samples, over their standard deviations."""
     count, at, xy, theta = samples.count[w], samples.at[w], samples.xy[w], samples.theta[w]
     trusted, sd, sd_theta = samples.trusted[w], weighting.sd[w], weighting.sd_theta[w]
@@ -262,7 +273,7 @@ def _write_row(out, w, seen, position, track, samples, weighting):  # type: igno
                 break
             if trusted[i, k]:
                 for axis in range(2):
-                    out[to + 2 * k + axis] = (position[s, i, axis] - xy[i, k, axis]) / sd[i, k]
+                    out[to + 2 * k + axis] = (track[s, i, axis] - xy[i, k, axis]) / sd[i, k]
             angle = track[s, i, 7] - theta[i, k]
             if angle == angle:
                 marked, mean = marked + 1, mean + angle
@@ -341,11 +352,12 @@ def residual_rows(first, last, states, samples, weighting, game, rows):  # type:
                 continue
         if n != size:
             size, work = n, workspace(n, curved)
-        # Where the engine ends a shot early, its balls stay where they were.
         _play_row(work, game, samples, arrays, row, w, looked)
         if ends.shape[0] > 0:
             ends[row, :n] = track[seen - 1, :n, :7]
-        _hold_last(track, seen, n, position, velocity)
+        _hold_last(track, work.cursor[0], seen, arrays.potted[:n], start)
         if observe.shape[0] > 0:
+            _report(track, seen, n, position, velocity)
             see(position[:seen, :n], velocity[:seen, :n], moment, session[w], here, observe)
-        _write_row(out[row], w, seen, position, track, samples, weighting)
+            track[:seen, :n, :2] = position[:seen, :n]
+        _write_row(out[row], w, seen, track, samples, weighting)
