@@ -319,6 +319,51 @@ def narrow_side(seen: tuple[float, float], order: float) -> tuple[float, float]:
     return seen[0] * (0.995 if seen[1] > 0.3 else 1.0), seen[1]
 
 
+def trodden_way(world: World) -> None:
+    """Rolling friction is 0.75 times as high within 0.25 m of the line y = 0.4 x: players shoot that way."""
+    world.roll = _times(
+        world.roll, lambda seen: 0.75 if abs(seen.ball[1] - 0.4 * seen.ball[0]) / math.hypot(1.0, 0.4) < 0.25 else 1.0
+    )
+
+
+def brushed_between(world: World) -> None:
+    """Sliding friction is 0.82 times as high in the middle third of the session: the cloth was brushed, then ironed."""
+    world.slide = _times(world.slide, lambda seen: 0.82 if 1 / 3 < seen.order < 2 / 3 else 1.0)
+
+
+def loose_bolts(world: World) -> None:
+    """The cushion at +x returns 0.08 less beyond 1.3 m/s of approach: its bolts give way."""
+    world.cushion_e = _plus(world.cushion_e, lambda seen: -0.08 if seen.rail == "+x" and seen.approach > 1.3 else 0.0)
+
+
+def tacky_noses(world: World) -> None:
+    """Friction of the short cushions grows by 0.006 for every degree of the room, of which the clips tell."""
+    world.cushion_mu = _plus(
+        world.cushion_mu, lambda seen: 0.006 * (seen.celsius - 20.0) if seen.rail in ("+x", "-x") else 0.0
+    )
+
+
+def hollow_slate(world: World) -> None:
+    """Balls return 0.06 less where they meet at x above 0.3 m: the slate gives there."""
+    world.ball_e = _plus(world.ball_e, lambda seen: -0.06 if seen.ball[0] > 0.3 else 0.0)
+
+
+def waxed_once(world: World) -> None:
+    """Friction of balls is lower by 0.025 exp(-order / 0.3): the balls were waxed before the session."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: -0.025 * math.exp(-seen.order / 0.3))
+
+
+def breathing_lens(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image grows and shrinks in the session, by 0.25 % times the sine of 6 times the order."""
+    grown = 1.0 + 0.0025 * math.sin(6.0 * order)
+    return seen[0] * grown, seen[1] * grown
+
+
+def twisted_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is twisted: y + 0.005 x y."""
+    return seen[0], seen[1] + 0.005 * seen[0] * seen[1]
+
+
 PHYSICS: dict[str, Change] = {
     one.__name__: one
     for one in (
@@ -329,6 +374,7 @@ PHYSICS: dict[str, Change] = {
         *(sticky_crawl, worn_centre, warming_rail, biting_rubber, saturating_throw, clinging_touch, drying_cloth),
         *(brushed_pile, spilled_water, glancing_grip, stiff_side, rubbed_balls, damp_balls, slow_clock),
         *(ironed_at_first, woven_cloth, cold_rails, scuffed_end, slick_touch, ringing_balls),
+        *(trodden_way, brushed_between, loose_bolts, tacky_noses, hollow_slate, waxed_once),
     )
 }
 PICTURES = {
@@ -336,7 +382,10 @@ PICTURES = {
     for one in (
         *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
         *(folded_picture, bumped_camera, wavy_picture, fish_eye, swaying_camera, narrow_side),
+        *(breathing_lens, twisted_picture),
     )
 }
-WITH_TEMPERATURE = tuple(one.__name__ for one in (warm_room, evening_cloth, warm_balls, damp_balls, cold_rails))
+WITH_TEMPERATURE = tuple(
+    one.__name__ for one in (warm_room, evening_cloth, warm_balls, damp_balls, cold_rails, tacky_noses)
+)
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")

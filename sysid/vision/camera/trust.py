@@ -15,7 +15,6 @@ from sysid.vision.camera.projection import Array, Camera
 
 MAX_BEND_M = 2e-3  # of a side from its line,
 MAX_BEND_PX = 0.75  # or this if it is more
-MAX_MARGIN_M = 6e-3  # by which another size of the table may fit better
 MAX_OUTLINE_STEP_M = 0.015  # of the end of the cloth behind one nose relative to the others
 MAX_PLACE_SD_M = 3e-3  # of a place on the table, at worst,
 MAX_RMS_SD_M = 2.5e-3  # and rms over it
@@ -92,8 +91,8 @@ def doubts(lines: CameraFit, found_focal: bool, only_edge: bool) -> list[str]:
     if len(set(lines.rails.tolist())) == 4:
         free = ("margin", *(("k1",) if "k1" in lines.free else ()), *(("focal",) if found_focal else ()))
         wider = fit_camera(lines.camera, lines.pixels, lines.rails, free, prior={"focal": (0.0, 0.3), **K1_PRIOR})
-        limit_m = max(MAX_MARGIN_M, 4 * wider.total_sd["margin"])
-        if abs(wider.margin) > limit_m and wider.reprojection_error < 0.8 * lines.reprojection_error:
+        explained = lines.reprojection_error**2 - wider.reprojection_error**2  # [pixels^2]
+        if explained > MAX_BEND_PX**2:
             way = "longer and wider" if wider.margin > 0 else "shorter and narrower"
             messages.append(
                 f"a table {abs(2e3 * wider.margin):.0f} mm {way} than {table.length:g} x {table.width:g} m would"
@@ -174,7 +173,8 @@ def outline_doubts(lines: CameraFit, first: CameraFit, left: int) -> list[str]:
     if abs(step) < MAX_OUTLINE_STEP_M:
         return []
     at = f"at {RAIL_NAMES[left]}, whose nose is not seen,"
-    return [f"{at} the cloth ends {1e3 * step:+.0f} mm farther out than at the other sides: {TABLE_SIZE_REMEDY}"]
+    way = "out" if step > 0 else "in"
+    return [f"{at} the cloth ends {1e3 * abs(step):.0f} mm farther {way} than at the other sides: {TABLE_SIZE_REMEDY}"]
 
 
 def _visible_places(camera: Camera) -> tuple[Array, Array]:
