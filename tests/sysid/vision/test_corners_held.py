@@ -11,8 +11,9 @@ import pytest
 
 from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
-from sysid.vision.camera.pose import fit_camera
-from sysid.vision.camera.trust import uncertainty
+from sysid.vision.camera.pose import Rails, fit_camera
+from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.camera.trust import doubts, outline_doubts, uncertainty
 from tests.support.table_views import calibrated, errors, fov, over_table, rms, run, taken
 
 
@@ -36,14 +37,43 @@ def test_corners_that_hold_are_kept_to_some_pixels_and_the_edges_near_them_taken
 def test_places_are_uncertain_in_proportion_to_the_scatter_of_edges() -> None:
     """From far above the focal length is hardly known, and places do not depend on it."""
     camera = over_table((0.0, 0.02), size=(1920, 1080), span=2.4, height=6.0, k1=0.0)
+    lines = fit_camera(camera, *_edge_points(camera, 0.3), ("k1", "focal"))
+    doubled = uncertainty(dataclasses.replace(lines, covariance=4.0 * lines.covariance))
+    np.testing.assert_allclose(doubled, 2.0 * np.array(uncertainty(lines)), rtol=0.05)
+
+
+def _edge_points(camera: Camera, off: float, seed: int = 0) -> tuple[Array, Rails]:
+    """Points on the noses of a table of 2 m x 1 m, which err by so many pixels; 180 of each rail."""
     along, nose = np.linspace(-0.45, 0.45, 180), NOSE_HEIGHT * camera.radius
     points = [[[s, t, nose] for t in along] for s in (1.0, -1.0)]
     points += [[[2 * t, s, nose] for t in along] for s in (0.5, -0.5)]
     pixels, rails = camera.project(np.concatenate(points)), np.repeat(np.arange(4), len(along))
-    off = np.random.default_rng(0).normal(0, 0.3, pixels.shape)
-    lines = fit_camera(camera, pixels + off, rails, ("k1", "focal"))
-    doubled = uncertainty(dataclasses.replace(lines, covariance=4.0 * lines.covariance))
-    np.testing.assert_allclose(doubled, 2.0 * np.array(uncertainty(lines)), rtol=0.05)
+    return pixels + np.random.default_rng(seed).normal(0, off, pixels.shape), rails
+
+
+def test_a_side_without_a_nose_ends_farther_in_or_out_than_the_others() -> None:
+    camera = over_table()
+    pixels, rails = _edge_points(camera, 0.1)
+    lines = fit_camera(camera, pixels, rails)
+    middle = pixels.mean(axis=0)
+    for share, way in ((0.95, "in"), (1.05, "out")):
+        ends = np.where((rails == 0)[:, None], middle + share * (pixels - middle), pixels)
+        (doubt,) = outline_doubts(lines, dataclasses.replace(lines, pixels=ends), 0)
+        assert f"mm farther {way} than" in doubt and "-" not in doubt.split("mm")[0].removeprefix("at +x")
+
+
+def test_another_size_of_the_table_must_explain_more_than_edges_err_by() -> None:
+    """A section of a side that is a fifth of a pixel off is no reason to doubt a size; sides of another one are."""
+    camera = over_table((0.0, -1.1), height=3.0)
+    pixels, rails = _edge_points(camera, 0.05)
+    bent = pixels.copy()
+    bent[:60, 0] += 0.2
+    lines = fit_camera(camera, bent, rails, ("k1", "focal"))
+    assert not [doubt for doubt in doubts(lines, True, False) if "would fit the sides better" in doubt]
+    camera = over_table()
+    other = dataclasses.replace(camera, table=dataclasses.replace(camera.table, width=1.03))
+    lines = fit_camera(other, *_edge_points(camera, 0.05), ("k1",))
+    assert [doubt for doubt in doubts(lines, False, False) if "would fit the sides better" in doubt]
 
 
 def test_what_holds_must_be_given(tmp_path: Path) -> None:
