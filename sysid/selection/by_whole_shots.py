@@ -26,7 +26,7 @@ from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
 from sysid.estimation.states.initial_states import fit_states, shot_losses
 from sysid.estimation.states.state_search import BETTER_LOSS
-from sysid.selection.evidence import MAX_RESIDUAL_SD, compare_fits, counted_as_one, remove_effect
+from sysid.selection.evidence import MAX_RESIDUAL_SD, compared_losses, counted_as_one, remove_effect
 from sysid.selection.score import Linearised, Score, linearise
 from sysid.selection.signatures import Candidate, with_candidate
 from sysid.selection.view import FitView
@@ -138,9 +138,9 @@ class ByWholeShots(FitView):
         """The same: it has converged."""
         return self
 
-    def gain(self, more: Self) -> float:
-        """Gain of log likelihood by another fit, each at its most likely errors of the model."""
-        return 0.5 * compare_fits(self.now, more.now, 1.0).improvement
+    def losses_beside(self, more: Self) -> tuple[Array, Array]:
+        """Losses of the shots (n,) about two fits, each at its most likely errors of the model."""
+        return compared_losses(self.now, more.now)
 
     def held_gain(self, more: Self) -> float:
         """The gain in held-out shots, with constants moved within their uncertainty."""

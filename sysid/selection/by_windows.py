@@ -119,9 +119,9 @@ class ByWindows(FitView):
         end = fit_chain(last.chain, last.states, last.constants, FINAL_STEPS, "the last model")
         return dataclasses.replace(self, at=searched(moved_to(self.at, end)))
 
-    def gain(self, more: Self) -> float:
-        """Gain of log likelihood by another fit at the same errors of the model."""
-        return float((self.at.fitted.losses - more.at.fitted.losses).sum())
+    def losses_beside(self, more: Self) -> tuple[Array, Array]:
+        """Losses of the shots (n,) about two fits at the same errors of the model."""
+        return self.at.fitted.losses, more.at.fitted.losses
 
     def held_gain(self, more: Self) -> float:
         """The gain in held-out shots."""

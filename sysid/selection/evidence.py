@@ -36,25 +36,16 @@ class Evidence:
     log_odds: float = 0.0  # of the second over the first, by their marginal likelihoods
 
 
-def compare_fits(one: Point, two: Point, tau: float | None = None) -> Evidence:
-    """Evidence for `two` over `one`, each at its own most likely discrepancies, with the priors of the better one.
-
-    `tau`: autocorrelation time [samples]; computed from the better one's residuals if not given.
-    """
+def compared_losses(one: Point, two: Point) -> tuple[Array, Array]:
+    """Losses of the shots (n,) about two fits, each at its most likely discrepancies, with the better one's priors."""
     by = min((one, two), key=lambda s: s.discrepancy_rate)
 
-    def cost(at: Point) -> tuple[Array, Array]:
+    def cost(at: Point) -> Array:
         seen = dataclasses.replace(at.problem, prior=by.problem.prior)
         x = fit_states(seen.with_discrepancy(at.discrepancy_rate), at.initial_states, at.constants, COMPARED_STEPS)
-        total, count = weighed_scores(seen, x, at.constants, at.discrepancy_rate)
-        return 2 * total, count
+        return weighed_scores(seen, x, at.constants, at.discrepancy_rate)[0]
 
-    (first, count), (second, _) = cost(one), cost(two)
-    a, b = (float(part.sum()) + chi2_of_known(at) for part, at in ((first, one), (second, two)))
-    if tau is None:
-        tau = counted_as_one(two if b < a else one)
-    penalty = (two.constants.size - one.constants.size) * float(np.log(max(count.sum() / tau, 2)))
-    return Evidence((a - b) / tau - penalty, a - b, tau)
+    return cost(one), cost(two)
 
 
 def counted_as_one(at: Point) -> float:

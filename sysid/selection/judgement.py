@@ -23,7 +23,7 @@ from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
 from sysid.selection.formulas.free_forms import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.formulas.terms import Shape
 from sysid.selection.signatures import Candidate
-from sysid.selection.view import FitView, projected_on
+from sysid.selection.view import FitView, ShotLosses
 
 ERROR_RATE = 0.05  # probability that an added cause is due to nothing, or to a size of each shot's own
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, over its width
@@ -126,20 +126,23 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     With the likeliest values d away from the middle, information S and prior covariance C, the gain of log likelihood
     is reduced by d' (C + S^-1)^-1 d / 2 + log det(1 + C S) / 2, averaged over the prior of sizes.
     """
-    gain, known = less.gain(more) / more.design_effect, _known(less, more)
+    effect, known, held = more.design_effect, _known(less, more), less.held_gain(more) / more.design_effect
+    before, after = less.losses_beside(more)
+    gain = float((before - after).sum()) / effect
     sized = [one for one in unknowns if one.sized]  # all shots share a fitted place in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
-    information, gradient = (part / more.design_effect for part in more.shots)
-    held = less.held_gain(more) / more.design_effect
-    one = over_one_shot(_away(more, sized), sized, _rows(more, sized), information, gradient) + max(held, 0.0)
+    one = over_one_shot(
+        ShotLosses(before, *less.shots), ShotLosses(after, *more.shots), effect,
+        known + occam_without_each(more, unknowns),
+    ) + max(held, 0.0)  # fmt: skip
     names = ", ".join(one.name for one in unknowns)
     log.info(
         "%s: log odds %.1f over nothing, %.1f over separate values for each shot, %.1f over one shot's, held out %.0f",
         names, odds, alone, one, held,
     )  # fmt: skip
-    bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / more.design_effect, 2.0))
-    seen = Evidence(bic, 2.0 * gain, more.design_effect, odds)
+    bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / effect, 2.0))
+    seen = Evidence(bic, 2.0 * gain, effect, odds)
     return Judged(more, tuple(unknowns), odds, alone, one, seen, held)
 
 
@@ -195,8 +198,19 @@ def covariances(unknowns: Sequence[Unknown]) -> Array:
 
 def occam_of(view: FitView, unknowns: Sequence[Unknown]) -> float:
     """The Occam penalty of parameters, in log likelihood; see `judged`."""
-    information = view.told_of(_rows(view, unknowns))[0].sum(axis=0)
-    away, odds = _away(view, unknowns), []
+    return _occam(_away(view, unknowns), unknowns, view.told_of(_rows(view, unknowns))[0].sum(axis=0))
+
+
+def occam_without_each(view: FitView, unknowns: Sequence[Unknown]) -> Array:
+    """The same by all other shots, for each that is left out: (n,)."""
+    information = view.told_of(_rows(view, unknowns))[0]
+    away, total = _away(view, unknowns), information.sum(axis=0)
+    return np.array([_occam(away, unknowns, total - one) for one in information])
+
+
+def _occam(away: Array, unknowns: Sequence[Unknown], information: Array) -> float:
+    """The penalty of parameters (k,) away from their middles, of which shots have this information (k, k)."""
+    odds = []
     for covariance in covariances(unknowns):
         both = np.eye(len(away)) + covariance @ information
         lost = float(away @ information @ np.linalg.solve(both, away)) + float(np.linalg.slogdet(both)[1])
@@ -222,29 +236,21 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
     return float(mean_odds(shared) - mean_odds(own))
 
 
-def over_one_shot(
-    away: Array, unknowns: Sequence[Unknown], rows: Index, information: Array, gradient: Array
-) -> float:  # fmt: skip
+def over_one_shot(less: ShotLosses, more: ShotLosses, design_effect: float, occam: Array) -> float:
     """Log odds of a cause over one shot's departing for a reason of its own, which would explain that shot as well.
 
     Without the shot, the others must still show the cause, with the constants that they have alone: a shot with a wrong
     clock, say, bends these, and what bends them back for all others looks like a cause. That it departs is a priori as
-    likely for each shot. Losses are quadratic, as in `over_scatter`.
+    likely for each shot.
 
     Args:
-        away: (k,) likeliest values, relative to the middles.
-        unknowns: their priors.
-        rows: (k,) indices of the unknowns among all.
-        information: (n, u, u) of each shot about all unknowns of the fit.
-        gradient: (n, u) of its loss.
+        less: losses about the fit without the cause.
+        more: and with it.
+        design_effect: by which shots tell less than as many independent residuals.
+        occam: (n,) log likelihood that the cause's parameters cost by all shots but one.
     """
-    count, sizes, found = len(gradient), covariances(unknowns), []
-    for k in range(count):
-        others = np.arange(count) != k
-        total, slope = (each[others].sum(axis=0, keepdims=True) for each in (information, gradient))
-        (own,), (pull,) = projected_on(total, slope, rows)
-        found.append(float(mean_odds(log_odds(own, own @ away - pull, sizes))))
-    return min(found) + math.log(count)
+    gain = (less.without_each() - more.without_each()) / design_effect
+    return float(np.min(gain + occam)) + math.log(len(gain))
 
 
 def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:

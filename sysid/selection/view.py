@@ -13,7 +13,7 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -22,6 +22,25 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array, Index
 from sysid.selection.score import Linearised, Score, Scores, scores_of
 from sysid.selection.signatures import Candidate
+
+
+class ShotLosses(NamedTuple):
+    """Quadratic losses of n shots about a fit, in its q constants, with initial states eliminated."""
+
+    losses: Array  # (n,) at the fit
+    information: Array  # (n, q, q)
+    gradient: Array  # (n, q)
+
+    def without_each(self) -> Array:
+        """The loss of all other shots at the constants that they have alone, for each shot that is left out: (n,)."""
+        information, slope = self.information.sum(axis=0), self.gradient.sum(axis=0)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        found = np.empty(len(self.losses))
+        for k in range(len(found)):
+            own, pull = information - self.information[k], (slope - self.gradient[k]) / scale
+            step = np.linalg.lstsq(own / np.outer(scale, scale), pull, rcond=1e-10)[0]
+            found[k] = self.losses.sum() - self.losses[k] - 0.5 * float(pull @ step)
+        return found
 
 
 class FitView(ABC):
@@ -113,8 +132,13 @@ class FitView(ABC):
         """The fit at its end, as it is handed on."""
 
     @abstractmethod
+    def losses_beside(self, more: Self) -> tuple[Array, Array]:
+        """Losses of the shots (n,) about this fit and about another one, by independent residuals and equal priors."""
+
     def gain(self, more: Self) -> float:
         """Gain of another fit of the same shots, in log likelihood of independent residuals."""
+        one, two = self.losses_beside(more)
+        return float((one - two).sum())
 
     @abstractmethod
     def held_gain(self, more: Self) -> float:

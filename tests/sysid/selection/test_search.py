@@ -27,6 +27,7 @@ from sysid.selection.rivals import likeliest_first
 from sysid.selection.screening import candidates_for
 from sysid.selection.search import next_cause, outdoes, search, without_needless
 from sysid.selection.signatures import candidate
+from sysid.selection.view import ShotLosses
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]
@@ -158,15 +159,19 @@ def test_a_cause_is_shared_only_where_shots_agree_on_its_size() -> None:
 
 def test_a_cause_does_not_rest_on_one_shot() -> None:
     """Fifteen shots measure a constant and a cause; if one of them errs in the constant, a cause seems to be there."""
-    rng, unknown = np.random.default_rng(7), [Unknown("it", 0.0, 1.0, True)]
+    rng = np.random.default_rng(7)
     jacobian = np.stack([np.ones((15, 40)), rng.normal(0.5, 0.5, (15, 1)) + 0.1 * rng.normal(size=(15, 40))], axis=2)
-    information = np.einsum("nru,nrv->nuv", jacobian, jacobian)
+
+    def fit(measured: Array, known: int) -> ShotLosses:
+        rows = jacobian[:, :, :known]
+        information = np.einsum("nru,nrv->nuv", rows, rows)
+        at = np.linalg.solve(information.sum(axis=0), np.einsum("nru,nr->u", rows, measured))
+        left = rows @ at - measured
+        return ShotLosses(0.5 * (left**2).sum(axis=1), information, np.einsum("nru,nr->nu", rows, left))
 
     def odds(measured: Array) -> tuple[float, float]:
-        at = np.linalg.solve(information.sum(axis=0), np.einsum("nru,nr->u", jacobian, measured))
-        gradient = np.einsum("nru,nr->nu", jacobian, jacobian @ at - measured)
-        own = information[:, 1:, 1:].sum(axis=0) - information[:, 1:, :1].sum(axis=0) ** 2 / information[:, 0, 0].sum()
-        return 0.5 * own.item() * at[1] ** 2, over_one_shot(at[1:], unknown, np.array([1]), information, gradient)
+        less, more = fit(measured, 1), fit(measured, 2)
+        return float((less.losses - more.losses).sum()), over_one_shot(less, more, 1.0, np.full(15, -2.0))
 
     noise = rng.normal(size=(15, 40))
     everywhere, one = odds(noise + jacobian[:, :, 1])
