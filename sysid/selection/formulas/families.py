@@ -11,6 +11,7 @@ from sysid.selection.formulas.terms import (
     DRIFT_VARIABLES,
     PLACE_DIGITS,
     SECOND_STEP,
+    SHORT_OR_LONG,
     SIZE_VARIABLES,
     WITHOUT_CONSTANT,
     Shape,
@@ -90,8 +91,8 @@ def shapes(
     for side in (1.0, -1.0):
         bends = [bend(quantity, variable, place, side) for place in places]
         families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])
-    if variable not in DRIFT_VARIABLES:  # two steps would single out a few departing clips
-        families.append([(one, two) for k, one in enumerate(steps) for two in second[k + 1 :]])
+    apart = 2 if variable in DRIFT_VARIABLES else 1  # places between which two clips lie at least: one may just depart
+    families.append([(one, two) for k, one in enumerate(steps) for two in second[k + apart :]])
     if variable in DECAY_VARIABLES:
         decays, least = [decay(quantity, variable, part) for part in parts], parts[0] / PARTS_OF_RANGE
         families.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
@@ -110,11 +111,17 @@ def shapes_at_one(
     high: float,
     places: tuple[float, ...] | None = None,
 ) -> list[list[Shape]]:
-    """The shapes restricted to each single rail or ball."""
+    """The shapes restricted to each single rail or ball, or to the short rails or the long ones."""
     every = shapes(quantity, variable, low, high, places, at_one=True)
-    return [
+    found = [
         [tuple(only_at(one, counted, k) for one in shape) for shape in family] for k in range(count) for family in every
     ]
+    if counted == "rail":
+        found += [
+            [tuple(only_beyond(one, counted, SHORT_OR_LONG, side) for one in shape) for shape in family]
+            for side in (-1.0, 1.0) for family in every
+        ]  # fmt: skip
+    return found
 
 
 def shapes_beyond(
@@ -150,6 +157,9 @@ def shapes_as(like: Term, low: float, high: float, places: tuple[float, ...] | N
 
 
 def counted_shapes(quantity: str, variable: str, count: int) -> list[list[Shape]]:
-    """Shapes of rails or balls: a single one, or each relative to the first."""
+    """Shapes of rails or balls: a single one, each relative to the first, or the long rails to the short ones."""
     each = straight(quantity, variable, count)
-    return [[(one,) for one in each], *([[tuple(each[1:])]] if count > 2 else [])]
+    found: list[list[Shape]] = [[(one,) for one in each]]
+    if variable == "rail":
+        found.append([(step(quantity, variable, SHORT_OR_LONG),)])
+    return [*found, [tuple(each[1:])]] if count > 2 else found

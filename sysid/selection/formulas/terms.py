@@ -69,8 +69,8 @@ class Term:
 
     @property
     def is_on_one_side(self) -> bool:
-        """Whether it acts on one side of a value of another variable."""
-        return self.only is not None and self.only.side != 0.0
+        """Whether it acts on one side of a value of another variable, which may be found."""
+        return self.only is not None and self.only.side != 0.0 and self.only_limits is not None
 
     @property
     def places(self) -> tuple[MovingPlace, ...]:
@@ -167,6 +167,7 @@ USUAL_VALUES = {  # usual sizes of variables that are not about 1
 SIZE_VARIABLES = ("wz", "along")  # variables whose absolute value may matter
 COUNTED_VARIABLES = ("rail", "number", "table", "player")  # variables with a few discrete values
 DRIFT_VARIABLES = tuple(name for name in SESSION_VARIABLES if name not in COUNTED_VARIABLES)  # of drifts
+SHORT_OR_LONG = 1.5  # between the numbers of the short rails, at +x and -x, and those of the long ones
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # for two balls
 PLACE_DIGITS = 4
 VARIABLE_PAIRS = (("rail", "along"),)  # of which a quantity may be a joint function, even where others suffice
@@ -223,7 +224,7 @@ def square(quantity: str, variable: str) -> Term:
 def step(quantity: str, variable: str, at: float) -> Term:
     """A step at a value of the variable."""
     at = round(at, PLACE_DIGITS) + 0.0
-    where = PLACES_OF_ACTION[quantity] + _beyond(Only(VARIABLES.index(variable), at, 1.0))
+    where = _beyond(PLACES_OF_ACTION[quantity], Only(VARIABLES.index(variable), at, 1.0))
     return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
 
 
@@ -233,11 +234,13 @@ def condition(only: Only) -> str:
     return f"{VARIABLES[only.variable]} {sign} {only.which:g}"
 
 
-def _beyond(only: Only) -> str:
-    """Description of a side of a value of a variable, after that of a place of action."""
+def _beyond(where: str, only: Only) -> str:
+    """Description of a place of action on a side of a value of a variable."""
     variable, (sign, word) = VARIABLES[only.variable], (">", "above") if only.side > 0 else ("<", "below")
+    if variable == "rail":
+        return where.replace("all cushions", f"the {'long' if only.side > 0 else 'short'} cushions")
     beyond = f"where {variable} {sign}" if variable in PLACE_VARIABLES else f"{VARIABLE_NAMES[variable]} {word}"
-    return f", {beyond} {only.which:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
+    return f"{where}, {beyond} {only.which:g} {VARIABLE_UNITS.get(variable, '')}".rstrip()
 
 
 def bend(quantity: str, variable: str, at: float, side: float) -> Term:
@@ -246,7 +249,7 @@ def bend(quantity: str, variable: str, at: float, side: float) -> Term:
     name, factor = "up_from", f"max({variable} {'+' if at < 0 else '-'} {abs(at):g}, 0.0)"
     if side < 0:
         name, factor = "down_from", f"max({at:g} - {variable}, 0.0)"
-    where = PLACES_OF_ACTION[quantity] + _beyond(Only(VARIABLES.index(variable), at, side))
+    where = _beyond(PLACES_OF_ACTION[quantity], Only(VARIABLES.index(variable), at, side))
     return _term(quantity, f"{variable}_{name}", factor, (variable,), 1.0, where)
 
 
@@ -259,7 +262,7 @@ def only_at(term: Term, counted: str, k: int) -> Term:
 def only_beyond(term: Term, variable: str, at: float, side: float) -> Term:
     """The term restricted to where a variable is above a value (side 1), or below it (-1)."""
     only = Only(VARIABLES.index(variable), round(at, PLACE_DIGITS) + 0.0, side)
-    return _only(term, only, f"{variable}_{'over' if side > 0 else 'under'}", term.where + _beyond(only))
+    return _only(term, only, f"{variable}_{'over' if side > 0 else 'under'}", _beyond(term.where, only))
 
 
 def only_as(term: Term, like: Term) -> Term:

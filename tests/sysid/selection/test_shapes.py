@@ -9,11 +9,11 @@ from models.errors import BadInput
 from models.shot import Session
 from sysid.clips import Clip, Observation
 from sysid.selection.formulas.description import describe
-from sysid.selection.formulas.families import curve, shapes
+from sysid.selection.formulas.families import counted_shapes, curve, shapes
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.free_forms import ranges
 from sysid.selection.formulas.shapes import without_terms
-from sysid.selection.formulas.terms import bend, only_at, step, straight
+from sysid.selection.formulas.terms import bend, only_at, only_beyond, step, straight
 from sysid.selection.formulas.terms_read import term_from_json
 
 DEEP = 3000  # conditions within conditions, more than Python has calls
@@ -56,6 +56,14 @@ def test_bends_and_steps_say_where_they_are() -> None:
     assert step("drag", "x", 0.6).where == bend("drag", "x", 0.6, 1.0).where
 
 
+def test_short_and_long_cushions_are_named() -> None:
+    ((long,),) = counted_shapes("cushion_e", "rail", 4)[1]
+    assert (long.factor, long.where) == ("rail > 1.5", "the long cushions")
+    short = only_beyond(straight("cushion_mu", "warmth", 0)[0], "rail", 1.5, -1.0)
+    assert (short.factor, short.where) == ("(rail < 1.5) * (warmth)", "the short cushions")
+    assert not short.places and not short.is_on_one_side
+
+
 def clip_of(**session: float) -> Clip:
     time = np.linspace(0.0, 1.0, 11)
     return Clip(
@@ -79,10 +87,14 @@ def test_a_step_over_clips_leaves_two_on_either_side(warmth: tuple[float, ...], 
     assert (seen.low, seen.high, seen.places) == (0.0, max(warmth), places)
 
 
-def test_no_band_of_clips_is_offered_and_shapes_of_a_formula_are_not_again() -> None:
-    several = [shape for family in shapes("drag", "order", 0.0, 1.0) for shape in family if len(shape) > 1]
-    parabola, *curves = [[term.factor for term in shape] for shape in several]
-    assert parabola == ["order", "order**2"] and all("curve" in shape[0].name for shape in several[1:]) and curves
+def test_a_band_of_clips_holds_two_at_least_and_shapes_of_a_formula_are_not_again() -> None:
+    places = (0.125, 0.375, 0.625, 0.875)  # between five clips
+    bands = [
+        tuple(term.constants[1] for term in shape)
+        for family in shapes("drag", "order", 0.0, 1.0, places) for shape in family
+        if len(shape) == 2 and shape[1].name.endswith("beyond")
+    ]  # fmt: skip
+    assert bands == [(0.125, 0.625), (0.125, 0.875), (0.375, 0.875)]
     few = [family for family in shapes("drag", "order", 0.0, 1.0, ()) if family]
     assert not any(term.limits for family in few for (term, *_) in family if not term.name.endswith("fade"))
     assert any(len(shape) == 2 for family in shapes("drag", "x", 0.0, 1.0) for shape in family)

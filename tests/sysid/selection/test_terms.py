@@ -28,7 +28,7 @@ from sysid.selection.formulas import terms as terms_room
 from sysid.selection.formulas.description import describe, source_from
 from sysid.selection.formulas.effect_file import effect_source
 from sysid.selection.formulas.factors import SEEN_BY
-from sysid.selection.formulas.families import curve, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formulas.families import counted_shapes, curve, shapes, shapes_at_one, shapes_beyond
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.terms import Shape, Term, condition, effect_from_terms, library
 from sysid.selection.formulas.terms_read import term_from_json
@@ -39,6 +39,7 @@ TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
 SHAPES = [family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:]]
 SHAPES += [family[-1] for family in shapes_at_one("cushion_mu", "rail", 2, "along", -1.7, 1.7)]
+SHAPES += counted_shapes("cushion_e", "rail", 4)[1]
 SHAPES += [
     shapes_beyond(next(one for one in SHAPES if one[0].name == name), over, -0.7, 1.3)[side][4]
     for name, over, side in (
