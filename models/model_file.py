@@ -28,7 +28,7 @@ from models.files.decode import Allowed, Place, check_keys, read_value, usable
 from models.files.faults import Faults, shown
 from models.mjcf.native import Native
 from models.shot import Array, Ball, Table
-from models.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
+from models.table.sizes import SIZE_NAMES, size_meta, stated_size, with_sizes
 
 MODEL_FORMAT = "billiard-model/1"
 OWN_FILE_KEY = "file"  # of a user's effect in a model file: where it was defined
@@ -169,7 +169,7 @@ class Model:
     )  # how well the launcher repeats, for the planner to read
     sizes: Mapping[str, Any] = field(
         default_factory=dict
-    )  # of table and ball, as fitted; what is played, see models/sizes.py
+    )  # of table and ball, as fitted; what is played, see models/table/sizes.py
     engine: str = "events"  # what plays it: "events", the compiled event engine, or "mujoco"; not part of a file
 
     def __repr__(self) -> str:

@@ -26,8 +26,8 @@ from models.files import read_document, write_whole
 from models.files.decode import Allowed, Place, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
 from models.files.limits import excess
-from models.presets import named_table
 from models.shot import Array, Ball, Table, largest_overlap
+from models.table.presets import named_table
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
 

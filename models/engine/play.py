@@ -22,7 +22,7 @@ from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
 from models.interrupts import go_on
 from models.shot import NOSE_COSINE, SESSION_FIELDS, Event, Shot, Track
-from models.sizes import SIZE_NAMES, stated_size
+from models.table.sizes import SIZE_NAMES, stated_size
 
 if TYPE_CHECKING:
     from models.model_file import Model

@@ -18,8 +18,8 @@ import numpy as np
 from models.analytic.spring import NOSE_RADIUS
 from models.effect import Effect
 from models.mjcf.furniture import furnish
-from models.palette import ball_colour
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
+from models.table.palette import ball_colour
 
 BASE_FILE = Path(__file__).with_name("base.xml")
 BED_DEPTH = 0.05  # [m]

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour, ink
 from models.recording.clips import CLIP_GAP_S, UNSEEN_S, LaidClip, Review, ReviewOut
 from models.recording.file import whole_recording
 from models.recording.film import FILM_SCREEN, Film, draw_films
 from models.recording.table import Out, draw_table
 from models.shot import Array, Ball, Table
+from models.table.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour, ink
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 if TYPE_CHECKING:
     from models.recording.viewer import Feed

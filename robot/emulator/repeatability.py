@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from models.model_file import full_model
 from models.shot import Array, Table
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from robot.cueing.repeated import DEFAULT_REPEATS, Repeated, summarised
 from robot.device.settings import Settings
 from robot.emulator.table import PLACE_SIGMA_M, EmulatedOptions, EmulatedTable, emulated_launcher

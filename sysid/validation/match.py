@@ -19,12 +19,12 @@ import numpy as np
 
 from models.analytic import cloth
 from models.engine.play import lacking, play
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Model, catalogue, full_model
 from models.mujoco import stroke
 from models.shot import Array, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 from sysid.validation.shots import (
     ANALYTIC_MODEL,

@@ -14,7 +14,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files import write_whole
-from models.palette import ball_colour
+from models.table.palette import ball_colour
 from sysid.clips import Clip, ClipSet
 from sysid.vision.camera.camera_motion import standing
 from sysid.vision.camera.projection import Camera

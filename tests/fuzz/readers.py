@@ -22,7 +22,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.model_file import read_model
-from models.presets import TABLE_SETS
+from models.table.presets import TABLE_SETS
 from planner.launcher.cueing_map import read_map
 from planner.launcher.execution import read_execution
 from planner.planning import read_plan

@@ -19,7 +19,7 @@ from sysid.cli.clips.tables import TableOptions
 from sysid.cli.common import camera_option
 
 if TYPE_CHECKING:
-    from models.presets import TableSet
+    from models.table.presets import TableSet
     from sysid.clips.clip_set import ClipSet
     from sysid.clips.header import Header
     from sysid.foreign.convert import Imported, ShotFile, Stated
@@ -203,8 +203,8 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
 
 def _table(sizes: TableOptions, camera: Camera | None, header: Header | None) -> tuple[TableSet, Pixels | None]:
     """Table and balls from the options, the camera or the clip set; and the map from pixels to positions."""
-    from models.presets import TableSet
     from models.shot import Ball
+    from models.table.presets import TableSet
     from sysid.foreign.pixels import Pixels
 
     if sizes.table_name is None and camera is None and header is not None and header.table and header.ball:

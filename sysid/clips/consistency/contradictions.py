@@ -19,9 +19,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from models.pocket_shape import PocketShapes
-from models.presets import TABLE_SETS
 from models.shot import NOSE_COSINE, Array, Ball, Table
+from models.table.pocket_shape import PocketShapes
+from models.table.presets import TABLE_SETS
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.consistency.aims import azimuths, speeds_of_cue
 from sysid.clips.consistency.contradiction import ALL_CLIPS, Contradiction, Typical, typical

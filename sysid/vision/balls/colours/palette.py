@@ -19,8 +19,8 @@ from models.files import read_toml
 from models.files.decode import Allowed
 from models.files.faults import shown
 from models.files.limits import MAX_BALLS, excess
-from models.presets import POOL_BALL
 from models.shot import Table
+from models.table.presets import POOL_BALL
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.frames import Picture
 
