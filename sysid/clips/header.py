@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from models.files import parse, read_text
-from models.files.decode import Allowed, Place, of_format, usable
+from models.files.decode import Allowed, of_format, usable
 from models.files.faults import Faults, shown
+from models.files.place import Place
 from models.shot import Ball, Table
 from models.table.presets import named_table
 from sysid.clips.clip_set import CueCommand

@@ -14,7 +14,7 @@ from models.model_file import Model, full_model
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from models.table.snooker import SNOOKER_BALL
-from sysid.validation.match import in_mujoco
+from sysid.validation.tested_models import in_mujoco
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth
 

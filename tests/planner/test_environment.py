@@ -16,9 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from models.effect_catalogue import effect_class
 from models.environment.task import ActionBounds, ShotEnvironment, ShotPhysics, ShotTask
 from models.errors import BadInput
-from models.model_file import Estimate, Model, effect_class, full_model
+from models.model_file import Estimate, Model, full_model
 from models.shot import Table
 from models.table.pocket_shape import read_pockets
 from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from models.table.presets import TableSet
     from sysid.clips.clip_set import ClipSet
     from sysid.clips.header import Header
-    from sysid.foreign.convert import Imported, ShotFile, Stated
+    from sysid.foreign.convert import Imported, ShotFile
     from sysid.foreign.pixels import Pixels
+    from sysid.foreign.stated import Stated
     from sysid.vision import Camera
 
 Y_HELP = "up: right-handed, seen from above (pixels: counted from the last row); down: as in pictures."
@@ -55,7 +56,7 @@ class ReadingOptions:
 
     def stated(self, nominal_fps: float | None) -> Stated:
         """These options for the conversion, with the frame rate that a clip set states."""
-        from sysid.foreign.convert import Stated
+        from sysid.foreign.stated import Stated
 
         return Stated(
             self.unit, None if self.origin is None else self.origin == "corner",

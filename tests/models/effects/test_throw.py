@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from models.model_file import effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import full_model
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from models.table.presets import POOL_BALL

@@ -22,7 +22,7 @@ from models.files.limits import MAX_BALLS, excess
 from models.shot import Table
 from models.table.presets import POOL_BALL
 from sysid.vision.balls.view_geometry import Array
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 BRIGHTNESS_WEIGHT = 0.5  # of brightness relative to tint when colours are compared
 LINK_DISTANCE = 0.13  # between colours that are of the same ball
