@@ -5,7 +5,7 @@
     world.strike(data, velocity=(2.0, 0.1))
     mujoco.mj_step(world.mj_model, data)
 
-Making a world installs the callback of models/mujoco/forces.py as MuJoCo's `mjcb_passive`, which leaves models alone
+Making a world installs the callback of models/mujoco/passive.py as MuJoCo's `mjcb_passive`, which leaves models alone
 that no world has made. Where a model has no effect for cloth, balls or cushions, MuJoCo's own contacts with the native
 terms of the MJCF act there. The callback writes `opt.timestep`: threads that step at once need a copy of the model
 each, as `mujoco.batch` makes them.

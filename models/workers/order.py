@@ -18,9 +18,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from models.engine.play import on_one_thread
 from models.errors import BadInput
 from models.interrupts import go_on
+from models.workers.threads import on_one_thread
 
 PACKAGES = ("models", "sysid", "planner", "robot")
 SOURCE_SUFFIXES = (".py", ".xml", ".toml")
