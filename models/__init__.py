@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 from models.lazy import lazy
 
 if TYPE_CHECKING:
+    from models.effect_catalogue import add_folder as add_effects
+    from models.effect_catalogue import catalogue
     from models.errors import BadInput
     from models.interface import simulate
-    from models.model_file import Model, catalogue, full_model
-    from models.model_file import add_folder as add_effects
+    from models.model_file import Model, full_model
     from models.model_file import read_model as load_model
     from models.model_file import write_model as save_model
     from models.mujoco.world import World
@@ -37,8 +38,8 @@ __getattr__, __dir__ = lazy(
         "Table": "models.shot:Table",
         "Track": "models.shot:Track",
         "World": "models.mujoco.world:World",
-        "add_effects": "models.model_file:add_folder",
-        "catalogue": "models.model_file:catalogue",
+        "add_effects": "models.effect_catalogue:add_folder",
+        "catalogue": "models.effect_catalogue:catalogue",
         "full_model": "models.model_file:full_model",
         "load_model": "models.model_file:read_model",
         "save_model": "models.model_file:write_model",

@@ -20,8 +20,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from models.analytic.crossings import until_bend, until_edge, until_line
 from models.compiled import compiled
-from models.crossings import until_bend, until_edge, until_line
 from models.effect import (
     MIN_FRICTION_SHARE,
     Array,

@@ -88,9 +88,9 @@ class SimulatedShot(Presented, Track):
 
     def plot(self) -> Picture:
         """Draw the table from above with the balls' paths, and rings at their ends."""
-        from models.palette import ball_colour
         from models.report.axes import circle, draw_table, rgb
         from models.report.figure import FIGURE_WIDTH_IN
+        from models.table.palette import ball_colour
 
         own = self.model.as_played()
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.files.decode import Allowed
-from models.pocket_shape import SNOOKER_POCKETS, PocketShapes, read_pockets
+from models.table.pocket_shape import SNOOKER_POCKETS, PocketShapes, read_pockets
 
 Array = NDArray[np.float64]
 

@@ -26,8 +26,8 @@ from models.commands.options import input_option, seed_option
 from models.commands.program import lone_command, run
 from models.environment.task import ShotEnvironment
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Estimate, Model, full_model, read_model
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.environment import load
 from planner.scene import Goal, Scene, read_scene
 

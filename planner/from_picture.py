@@ -110,7 +110,7 @@ def balls_in_picture(
     progress: Callable[[str], None] = lambda line: None,
 ) -> DetectedBalls:  # fmt: skip
     """The balls of a photo, or of the last frame; arguments as for `scene_from_picture`."""
-    from models.presets import usual_mass
+    from models.table.presets import usual_mass
     from sysid.vision import ball_of, find_balls, read_camera
 
     camera = read_camera(camera_path)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from models.analytic.cueing import SEED_LIMIT
-from models.palette import ball_colour
 from models.recording.plan import AVOID_COLOUR, OUTCOME_COLOURS, OUTLINE_SHARES, TARGET_COLOUR
 from models.recording.planned import dropped, fate, outline, path_of, resting, scene_of, wanted
 from models.report.axes import TABLE_MARGIN_M, circle, draw_table, legend_on_cloth, rgb
 from models.report.figure import FIGURE_WIDTH_IN, INK_COLOUR, MODEL_COLOUR, NARROW_WIDTH_IN, NOISE_COLOUR, Draw, svg
 from models.report.numbers import number
 from models.shot import Array, Ball, Table
+from models.table.palette import ball_colour
 
 MAX_LINE_POINTS = 260  # most points of a path, to keep the file small
 SHADOW_COLOUR = "#10151a"  # behind a path and around a ball

@@ -23,11 +23,12 @@ import tomli_w
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
 from models.files import read_document, write_whole
-from models.files.decode import Allowed, Place, decode, of_format, read_value
+from models.files.decode import Allowed, decode, of_format, read_value
 from models.files.faults import Faults, closest, listed, shown
 from models.files.limits import excess
-from models.presets import named_table
+from models.files.place import Place
 from models.shot import Array, Ball, Table, largest_overlap
+from models.table.presets import named_table
 from sysid.clips.header import size_faults
 from sysid.clips.names import name_fault
 

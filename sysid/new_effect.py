@@ -7,10 +7,10 @@ import keyword
 import re
 from pathlib import Path
 
+from models.effect_catalogue import catalogue
 from models.errors import BadInput, one_line
 from models.files import read_document, write_whole
 from models.files.faults import Faults
-from models.model_file import catalogue
 from sysid.selection.formulas.description import source_from
 
 EFFECT_TEMPLATE = '''"""{title}: say in one line what it is.

@@ -10,12 +10,13 @@ import dataclasses
 import numpy as np
 
 from models.compiled import is_ready, note_compiling, set_ready
+from models.effect_catalogue import catalogue, effect_class
 from models.engine.play import finish
 from models.hooks import COMPILED_HOOKS, address
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import catalogue, effect_class, full_model
+from models.model_file import full_model
 from models.shot import Shot
 from models.simulation.observe import observed
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.segments import Segment
 from sysid.estimation.segment_problem import segment_problem

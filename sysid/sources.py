@@ -13,12 +13,13 @@ from typing import Any
 
 from models.errors import BadInput
 from models.messages import OptionError
-from models.presets import TableSet, find_table, usual_mass
 from models.shot import Ball
+from models.table.presets import TableSet, find_table, usual_mass
 from sysid.clips import ClipSet
 from sysid.clips.trust import tell_doubts, with_doubts
-from sysid.foreign.convert import ShotFile, Stated, import_files
+from sysid.foreign.convert import ShotFile, import_files
 from sysid.foreign.pixels import Pixels
+from sysid.foreign.stated import Stated
 
 PathLike = Path | str
 STATED_FIELDS = ("time", "fps", "struck", "running", "columns", "turned")  # of `Stated`, as further arguments

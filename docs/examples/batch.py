@@ -4,7 +4,7 @@ import mujoco.batch
 import numpy as np
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 COUNT, SECONDS = 32, 1.5
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"))

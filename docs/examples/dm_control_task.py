@@ -9,8 +9,8 @@ from dm_control.rl import control
 from dm_env import specs
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.mujoco.launcher import Launcher
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"), furnished=True, marked=True)
 launcher = Launcher(world)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.mujoco.launcher import Launcher
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"))
 launcher = Launcher(world)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"), jaws=True)
 data = world.place({"white": (-0.8, 0.0), "red": (0.2, 0.02)})

@@ -3,7 +3,7 @@
 import mujoco
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white",))
 body = world.spec.worldbody.add_body(name="paddle", pos=[-0.3, 0.0, SNOOKER_BALL.radius])

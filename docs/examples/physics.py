@@ -4,7 +4,7 @@ from dm_control import mujoco
 from dm_control.mujoco import wrapper
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"), furnished=True, marked=True)
 physics = mujoco.Physics.from_model(wrapper.MjModel(world.mj_model))

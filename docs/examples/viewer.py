@@ -5,8 +5,8 @@ import time
 import mujoco.viewer
 
 from models import World, full_model
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.recording.viewer import display_missing
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 world = World(full_model(SNOOKER_TABLE, SNOOKER_BALL), ("white", "red"), furnished=True, marked=True)
 data = world.place({"white": (-0.8, 0.0), "red": (0.2, 0.02)})

@@ -1,8 +1,8 @@
 """Pockets in the space of ball centres: ends of straight cushions, noses, facings, and the slate's edge.
 
-In the space of ball centres, which meet a nose line at R cos(theta). A table's `PocketShapes` (models/pocket_shape.py)
-give mouth m, nose radius r, cut angle, shelf and edge. Before a pocket the nose bends away in an arc of radius r that
-is tangent to its line and to the facing, turned by t = 180 degrees - cut. A centre meets the arc at rho = r + R
+Ball centres meet a nose line at R cos(theta). A table's `PocketShapes` (models/table/pocket_shape.py) give mouth m,
+nose radius r, cut angle, shelf and edge. Before a pocket the nose bends away in an arc of radius r that is tangent
+to its line and to the facing, turned by t = 180 degrees - cut. A centre meets the arc at rho = r + R
 cos(theta) from its centre, and the facing at R cos(theta) from its line. There the balls' widest level sees the mouth,
 so a centre has w = m/2 - R clean room on either side of the axis (Robotic Billiards 2015: "around 19 mm"), and lines of
 nose and facing meet w + R cos(theta) from the axis. So a straight cushion ends at
@@ -32,8 +32,8 @@ from models.analytic.events import CLOSED_GAP_M, in_mouth, line, meeting
 from models.analytic.geometry import Parabola
 from models.compiled import compiled_in_place
 from models.errors import BadInput
-from models.pocket_shape import CORNER_PARALLEL_RAD, MIDDLE_PARALLEL_RAD, PocketShape
 from models.shot import NOSE_COSINE, RAIL_NAMES, Ball, Table
+from models.table.pocket_shape import CORNER_PARALLEL_RAD, MIDDLE_PARALLEL_RAD, PocketShape
 
 Array = NDArray[np.float64]
 OWN_POCKETS = "give [table] the pockets of its game"  # the remedy for pockets that fit no ball or table

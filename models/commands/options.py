@@ -108,7 +108,7 @@ def effects_option(*, exposed: bool = False) -> Callable[[Verb], Verb]:
 
 def _add_effects(ctx: click.Context, param: click.Parameter, folders: tuple[str, ...]) -> tuple[str, ...]:
     if folders and not ctx.resilient_parsing:
-        from models.model_file import add_folder
+        from models.effect_catalogue import add_folder
 
         ctx.meta[EFFECTS_KEY] = [Path(folder) for folder in folders]
         for folder in folders:

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextvars import ContextVar
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,9 +15,9 @@ from models.engine.columns import ROW_SIZE
 from models.engine.loop import play_rows
 from models.engine.touch import BALL, POCKET
 from models.hooks import Array, Hooks, hooks_of
-from models.interrupts import go_on
 from models.shot import NOSE_COSINE, SESSION_FIELDS, Event, Shot, Track
-from models.sizes import SIZE_NAMES, stated_size
+from models.table.sizes import SIZE_NAMES, stated_size
+from models.workers.threads import over_threads
 
 if TYPE_CHECKING:
     from models.model_file import Model
@@ -31,51 +26,6 @@ EVENT_KINDS = ("ball", "cushion", "pocket")
 CLOTH_CONSTANTS = ("slide", "roll", "spin")  # names of the cloth's constants
 MAX_EVENTS = 1_000_000  # events after which a shot is given up; balls driven by a push may need nearly as many
 LOG_ROOM = 64  # initial room for the events of a shot
-MIN_CHUNK = 8  # smallest number of shots that a thread takes at a time
-CHUNKS_PER_THREAD = 8  # largest number of chunks for each thread
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(_cores(), thread_name_prefix="shots")
-
-
-@cache
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-_max_threads: ContextVar[int] = ContextVar("max_threads", default=0)  # 0: one a core
-
-
-@contextlib.contextmanager
-def on_one_thread() -> Iterator[None]:
-    """Shots inside are played by the thread that asks for them: the other cores have other work."""
-    token = _max_threads.set(1)
-    try:
-        yield
-    finally:
-        _max_threads.reset(token)
-
-
-def over_threads(work: Callable[[int, int], object], count: int, threads: int = 0) -> None:
-    """Do work(first, last) for parts of `count` rows on threads (0: one a core); what it writes must not overlap."""
-    go_on()
-    threads = min(threads or _cores(), _max_threads.get() or _cores())
-    size = max(MIN_CHUNK, -(-count // (CHUNKS_PER_THREAD * threads)))
-    parts = [(k, min(k + size, count)) for k in range(0, count, size)]
-    if threads == 1 or len(parts) == 1:
-        for part in parts:
-            work(*part)
-        return
-    waiting = iter(parts)
-
-    def some(_: int) -> None:
-        for part in waiting:  # the GIL makes taking the next one safe
-            work(*part)
-
-    for done in [_pool().submit(some, k) for k in range(min(threads, len(parts)))]:
-        done.result()
 
 
 class Game(NamedTuple):

@@ -4,7 +4,7 @@ limits      the budgets of all readers
 documents   TOML, JSON and text, read within bounds
 writing     files written, and lines added, completely or not at all
 made        results that only their own command and input replace; record: the mark of the origin in a file
-decode      parsed data decoded into dataclasses, with every fault and its place
+decode      parsed data decoded into dataclasses, with every fault and its place; place: of a table in a file
 tables      CSV, row by row
 texts       columns of texts, packed
 alone       a lock for one run at a time in a place

@@ -15,9 +15,10 @@ from typing import Any, TypeVar
 
 from models.errors import BadInput
 from models.files import limits
-from models.files.decode import Place, decode, of_format
+from models.files.decode import decode, of_format
 from models.files.faults import Faults, shown
 from models.files.limits import excess
+from models.files.place import Place
 
 Kind = TypeVar("Kind")
 FILE_KINDS = (  # where, the bytes there, and what such a file is

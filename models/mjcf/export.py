@@ -23,10 +23,10 @@ from models.commands.program import lone_command, run
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import SLATE_IMPEDANCE, attach_launcher
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.mjcf.world import build_spec
 from models.model_file import Model
 from models.shot import Array, Ball, Table, largest_overlap
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 
 
 def export(

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from models.mjcf.snooker import D_RADIUS_M, FULL_LENGTH, is_snooker, spots
-from models.pocket_shape import SNOOKER_POCKETS
 from models.shot import NOSE_HEIGHT, Array, Table
+from models.table.pocket_shape import SNOOKER_POCKETS
+from models.table.snooker import D_RADIUS_M, FULL_LENGTH, is_snooker, spots
 
 RUBBER_END_M, FRAME_END_M = 0.05, 0.13  # where the rubber ends and the frame ends, from the nose line [m]
 RUBBER_BACK_M = RUBBER_END_M + 0.004  # where the rubber ends under the frame [m]

@@ -25,9 +25,9 @@ choose_backend()  # before MuJoCo is imported
 import cv2  # noqa: E402
 import mujoco  # noqa: E402
 
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
 from models.mjcf.world import CAMERA_NAMES, build_spec  # noqa: E402
 from models.shot import Array, Ball, Table  # noqa: E402
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked  # noqa: E402
 
 
 def render(

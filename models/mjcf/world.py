@@ -18,12 +18,13 @@ import numpy as np
 from models.analytic.spring import NOSE_RADIUS
 from models.effect import Effect
 from models.mjcf.furniture import furnish
-from models.palette import ball_colour
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Ball, Table
+from models.table.palette import ball_colour
 
 BASE_FILE = Path(__file__).with_name("base.xml")
 BED_DEPTH = 0.05  # [m]
 CAMERA_NAMES = ("overhead", "corner", "baulk")
+BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # band of marked balls: colour, half its width over the radius
 
 
 def colour(name: str) -> tuple[float, float, float]:
@@ -127,3 +128,12 @@ def build_spec(
     for effect in effects:
         effect.edit(spec)
     return spec
+
+
+def add_bands(spec: mujoco.MjSpec, names: Sequence[str], radius: float) -> None:
+    """Add a band about each ball: a disc that stands out of it by a hair."""
+    for name in names:
+        spec.body(name).add_geom(
+            name=f"band {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[1.004 * radius, BAND_WIDTH * radius, 0],
+            rgba=[*BAND_COLOUR, 1], contype=0, conaffinity=0,
+        )  # fmt: skip

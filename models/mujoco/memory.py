@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
 from models import record as rec
 from models.engine import columns as col
-from models.shot import SESSION_FIELDS
+from models.shot import SESSION_FIELDS, Array, Session
 
 ANY_SIZE: Final = 1 << 30  # size of an array whose real size is not needed
 
@@ -70,6 +71,14 @@ def memory_size(balls: int) -> int:
 def record_size(times: int, balls: int, events: int) -> int:
     """Size of a record."""
     return RECORD_HEAD + times * (1 + balls * col.ROW_SIZE) + events * EVENT_SIZE
+
+
+def at_strike(row: int, struck_at: float, launch: float, session: Session, size: int) -> Array:
+    """The memory of a simulation at a strike: (size,)."""
+    kept = np.zeros(size)
+    kept[ROW], kept[STATE_TIME], kept[STRUCK_AT], kept[LAUNCH] = row, np.nan, struck_at, launch
+    kept[SESSION:HEAD_SIZE] = session.row
+    return kept
 
 
 @intrinsic

@@ -20,7 +20,7 @@ from models.engine import touch
 from models.engine.impacts import strike_rows
 from models.engine.play import EVENT_KINDS
 from models.mujoco import memory as mem
-from models.mujoco.world import World, memory
+from models.mujoco.world import World
 from models.shot import Array, Event, Shot, Track
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _played(world: World, model: Model, shots: Sequence[Shot], threads: int, jaw
         qpos[:], qvel[:] = start[..., :7], start[..., 7:]
         batch.bind("time")[:] = 0.0
         for k, shot in enumerate(shots):
-            kept[k] = memory(k, 0.0, float(launch[k]), shot.session, kept.shape[1])
+            kept[k] = mem.at_strike(k, 0.0, float(launch[k]), shot.session, kept.shape[1])
             kept[k, mem.RECORD] = float(records[k].ctypes.data)
             balls = kept[k, mem.HEAD_SIZE : mem.HEAD_SIZE + n * mem.BALL_MEMORY].reshape(n, mem.BALL_MEMORY)
             balls[:, mem.STAYS] = [name in shot.staying for name in shot.names]

@@ -33,12 +33,12 @@ from models.commands.program import lone_command, run
 from models.errors import BadInput
 from models.files import write_whole
 from models.mjcf.launcher import CUE_MASS, GEAR_RATIO, NAME_PREFIX, PINION_RADIUS_M, TIP_RESTITUTION
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.mjcf.world import add_camera
 from models.model_file import full_model
 from models.mujoco.launcher import Launcher, SimulatedStroke
 from models.mujoco.world import World
 from models.shot import GRAVITY, Array
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 Stroke = tuple[float, float, float]  # cue speed [m/s], side and height of its axis [m]
 CUE_BALL_SPOT = np.array([-1.23, 0.0])  # place of the struck ball [m]

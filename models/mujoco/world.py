@@ -5,7 +5,7 @@
     world.strike(data, velocity=(2.0, 0.1))
     mujoco.mj_step(world.mj_model, data)
 
-Making a world installs the callback of models/mujoco/forces.py as MuJoCo's `mjcb_passive`, which leaves models alone
+Making a world installs the callback of models/mujoco/passive.py as MuJoCo's `mjcb_passive`, which leaves models alone
 that no world has made. Where a model has no effect for cloth, balls or cushions, MuJoCo's own contacts with the native
 terms of the MJCF act there. The callback writes `opt.timestep`: threads that step at once need a copy of the model
 each, as `mujoco.batch` makes them.
@@ -13,34 +13,25 @@ each, as `mujoco.batch` makes them.
 
 from __future__ import annotations
 
-import ctypes
-import secrets
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
-import numba
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
 from models import record as rec
-from models.analytic.spring import NOSE_RADIUS
-from models.compiled import callback
 from models.effect import STILL
 from models.engine.impacts import ask_neighbours, strike_rows
 from models.engine.play import lay_out
 from models.errors import BadInput
-from models.mjcf.world import build_spec
-from models.mujoco import layout
+from models.mjcf.world import add_bands, build_spec
 from models.mujoco import memory as mem
-from models.mujoco.forces import SUPPORT_MARGIN_M, act
+from models.mujoco.forces import SUPPORT_MARGIN_M
+from models.mujoco.noses import add_noses
+from models.mujoco.passive import PROCESS_NUMBER, install, kept_alive
 from models.shot import (
     MAX_SPEED_M_S,
-    NOSE_COSINE,
-    NOSE_SINE,
-    RAIL_NAMES,
     SESSION_FIELDS,
     UNKNOWN_SESSION,
     Array,
@@ -58,41 +49,8 @@ SLEEP_SPEED: Final = 1e-8  # speed below which MuJoCo lets a ball sleep [m/s]
 WORLD_FIELD: Final = "cuelab"  # numeric field of a model that leads to its world
 SLATE_GEOM: Final = "support"  # geom that carries balls, where there is slate
 LOAD, NOT_REDUCED = "load ", 0  # beginning of a sensor's name; "not reduced" for MuJoCo's contact sensors
-POST_HALF_HEIGHT_M: Final = 0.05  # half height of the cylinder that represents the arc of a jaw [m]
 LOW_IMPEDANCE, HIGH_IMPEDANCE = 1e-4, 0.9999  # impedance of contacts whose force the callback computes, of the slate
 SLATE_TIME_S: Final = 0.004  # time in which the slate lifts a body that has sunk into it [s]
-PROCESS_NUMBER: Final = (
-    secrets.randbits(50) + 1.0
-)  # random number of this process: addresses are invalid in another one
-BAND_COLOUR, BAND_WIDTH = (0.93, 0.9, 0.82), 0.18  # band of marked balls: colour, half its width over the radius
-_kept: dict[int, Any] = {}  # what compiled code points to, by address: models may outlive their World
-
-
-def _act(model, data, where, table_at):  # type: ignore[no-untyped-def]
-    act(model, data, where, table_at)
-
-
-@cache
-def _install() -> None:
-    """Make the callback and install it in MuJoCo, once.
-
-    What it does is compiled by itself and kept on disk; only the few lines that know addresses of this process are
-    compiled anew.
-    """
-    offsets = layout.offsets()
-    where, numeric, process = int(offsets.ctypes.data), int(offsets[layout.MODEL_NUMERIC]), PROCESS_NUMBER
-    doubles, longs = mem.doubles, mem.longs
-    kept = callback(_act, types.void(*[types.int64] * 4))
-    go = ctypes.CFUNCTYPE(None, *[ctypes.c_longlong] * 4)(kept.address)
-
-    @numba.cfunc(types.void(types.int64, types.int64))
-    def passive(model, data):  # type: ignore[no-untyped-def]
-        field = longs(model + numeric)[0]
-        if field != 0 and doubles(field)[0] == process:
-            go(model, data, where, longs(field)[1])
-
-    _kept[where], _kept[passive.address] = offsets, (passive, kept)
-    mujoco.set_mjcb_passive(ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address))
 
 
 class World:
@@ -143,7 +101,7 @@ class World:
         for pair in list(spec.pairs):
             spec.delete(pair)
         spec.worldbody.add_geom(name=SLATE_GEOM, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], group=4)
-        self._noses = noses = _add_noses(spec, table.length / 2, table.width / 2, ball.radius, pockets)
+        self._noses = noses = add_noses(spec, table.length / 2, table.width / 2, ball.radius, pockets)
         soft = [LOW_IMPEDANCE, LOW_IMPEDANCE, 0.001, 0.5, 2.0]
         for number, name in enumerate(self.names):
             one = f"ball {name}"
@@ -158,7 +116,7 @@ class World:
         for effect in editors:
             effect.select(0).edit(spec)
         if marked:
-            _mark(spec, self.names, ball.radius)
+            add_bands(spec, self.names, ball.radius)
         spec.option.sleep_tolerance = SLEEP_SPEED  # for those who let MuJoCo sleep
         spec.nuserdata = mem.memory_size(len(self.names))
         spec.add_numeric(name=WORLD_FIELD, data=[0.0, 0.0])  # nothing yet: compiling steps, too
@@ -232,8 +190,8 @@ class World:
             *((key, int(value)) for key, value in self._native.items()),
         ):  # fmt: skip
             table[key] = count
-        _kept[table.ctypes.data] = arrays, table
-        _install()
+        kept_alive[table.ctypes.data] = arrays, table
+        install()
         compiled_model.numeric_data[:2] = PROCESS_NUMBER, np.array([table.ctypes.data], np.int64).view(np.float64)[0]
 
     def _felt(self) -> Any:
@@ -257,7 +215,7 @@ class World:
         """Free the callback's data, once neither this world nor a copy of its model is stepped any more."""
         address = int(self.mj_model.numeric_data[1:2].view(np.int64)[0])
         self.mj_model.numeric_data[:2] = 0.0
-        _kept.pop(address, None)
+        kept_alive.pop(address, None)
 
     @property
     def hooks(self) -> Hooks:
@@ -302,7 +260,7 @@ class World:
         local = np.zeros(3)
         mujoco.mju_rotVecQuat(local, w[0, 0], data.qpos[at + 3 : at + 7] * [1.0, -1.0, -1.0, -1.0])
         data.qvel[to : to + 6] = [*v[0, 0], 0.0, *local]
-        data.userdata[:] = memory(row, data.time, float(np.hypot(*v[0, 0])), session, len(data.userdata))
+        data.userdata[:] = mem.at_strike(row, data.time, float(np.hypot(*v[0, 0])), session, len(data.userdata))
         mujoco.mj_forward(self.mj_model, data)
 
     def advance(self, data: Any, until: float) -> None:
@@ -333,62 +291,3 @@ class World:
         data = getattr(data, "ptr", data)
         low = 0.5 * self.model.ball.radius
         return tuple(n for n, (at, _) in zip(self.names, self._joints, strict=True) if data.qpos[at + 2] > low)
-
-
-def memory(row: int, struck_at: float, launch: float, session: Session, size: int) -> Array:
-    """The memory of a simulation at a strike: (size,)."""
-    kept = np.zeros(size)
-    kept[mem.ROW], kept[mem.STATE_TIME], kept[mem.STRUCK_AT], kept[mem.LAUNCH] = row, np.nan, struck_at, launch
-    kept[mem.SESSION : mem.HEAD_SIZE] = session.row
-    return kept
-
-
-def _add_noses(
-    spec: mujoco.MjSpec, half_length: float, half_width: float, radius: float, pockets: Pockets
-) -> list[tuple[str, int, int]]:
-    """Add the geoms of the rails; returns names, kinds, and numbers of rails, or 4 + those of jaws."""
-    found: list[tuple[str, int, int]] = []
-    height = radius + (radius + NOSE_RADIUS) * NOSE_SINE
-
-    def add(name: str, kind: int, rail: int, **geom: Any) -> None:
-        spec.worldbody.add_geom(name=name, group=4, **geom)
-        found.append((name, kind, rail))
-
-    def nose(name: str, rail: int, ends: Iterable[ArrayLike], outward: ArrayLike) -> None:
-        shift = NOSE_RADIUS * NOSE_COSINE * np.asarray(outward)
-        line = np.concatenate([np.append(np.asarray(end, float) + shift, height) for end in ends])
-        add(name, mem.NOSE, rail, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[NOSE_RADIUS, 0, 0], fromto=line)
-
-    # Over the whole length: the callback lets no ball meet them where there is a mouth, but one that is known to stay.
-    for rail, name in enumerate(RAIL_NAMES):
-        k, sign = rail // 2, 1.0 - 2.0 * (rail % 2)
-        ends = np.array([[half_length, half_width], [half_length, half_width]])
-        ends[:, k] *= sign
-        ends[0, 1 - k] *= -1.0
-        outward = np.zeros(2)
-        outward[k] = sign
-        nose(f"cushion {name}", rail, ends, outward)
-    for number, (x, y, size, *normal) in enumerate(pockets.jaws):
-        name, rail, place = f"jaw {number}", 4 + number, np.array([x, y])
-        if normal[0] or normal[1]:  # a facing
-            out, along = np.array(normal), np.array([-normal[1], normal[0]])
-            middle_of = place + radius * NOSE_COSINE * out
-            if size > 0.0:
-                nose(name, rail, (middle_of - size * along, middle_of + size * along), out)
-        elif size > radius:
-            shape = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [size - radius, POST_HALF_HEIGHT_M, 0]}
-            add(name, mem.POST, rail, pos=[x, y, radius], **shape)
-        else:  # a nose so sharp that a ball meets it above its middle
-            rise = float(np.sqrt((radius + NOSE_RADIUS) ** 2 - size**2))
-            shape = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [NOSE_RADIUS, 0, 0]}
-            add(name, mem.NOSE, rail, pos=[x, y, radius + rise], **shape)
-    return found
-
-
-def _mark(spec: mujoco.MjSpec, names: Sequence[str], radius: float) -> None:
-    """A band about each ball: a disc that stands out of it by a hair."""
-    for name in names:
-        spec.body(name).add_geom(
-            name=f"band {name}", type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[1.004 * radius, BAND_WIDTH * radius, 0],
-            rgba=[*BAND_COLOUR, 1], contype=0, conaffinity=0,
-        )  # fmt: skip

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import FLOOR_COLOUR, MODEL_COLOUR, Colour
 from models.recording.file import whole_recording
 from models.recording.table import Out
 from models.shot import Array, Ball
+from models.table.palette import FLOOR_COLOUR, MODEL_COLOUR, Colour
 
 CAMPAIGN_APPLICATION = "cuelab_campaign"
 MEASURED_COLOUR: Colour = (255, 255, 255)

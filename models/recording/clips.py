@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import Colour, ball_colour, ink
 from models.recording.table import Out
 from models.shot import Array, Event, Track
+from models.table.palette import Colour, ball_colour, ink
 
 Series = Mapping[str, tuple[Array, Array]]  # ball -> time (n,) [s] in its clip, increasing; values (n, k)
 Rows = tuple[Sequence[int] | Array, Sequence[float] | Array, Sequence[int] | Array]  # clip, time [s], instances

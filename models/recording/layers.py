@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import MODEL_COLOUR, WHITE_COLOUR, Colour
 from models.recording.clips import LaidClip, ReviewOut, appearances, finite
 from models.recording.table import PATH_HEIGHT_M, lift
 from models.shot import Array, Ball, Track
+from models.table.palette import MODEL_COLOUR, WHITE_COLOUR, Colour
 
 EVENT_MARKS = {
     "cushion": ("cushion", (255, 160, 0)),

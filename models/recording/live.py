@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import MODEL_COLOUR, ball_colour
 from models.recording.film import jpeg
 from models.recording.video import MAX_WIDTH_PX, draw_cloth, enlarged, table_view
 from models.shot import Array, Table
+from models.table.palette import MODEL_COLOUR, ball_colour
 
 if TYPE_CHECKING:
     from models.recording.viewer import Feed

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from models.palette import FLOOR_COLOUR, Colour, ball_colour
 from models.recording.file import whole_recording
 from models.recording.planned import (
     dropped,
@@ -34,6 +33,7 @@ from models.recording.planned import (
 )
 from models.recording.table import PATH_HEIGHT_M, Out, draw_table, lift
 from models.shot import Array, Ball, Table
+from models.table.palette import FLOOR_COLOUR, Colour, ball_colour
 
 PLAN_APPLICATION = "cuelab_plan"
 OUTCOME_COLOURS: Mapping[str, Colour] = {"potted": (86, 190, 255), "missed": (255, 159, 28), "foul": (255, 122, 217)}

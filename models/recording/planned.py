@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from models.pocket_shape import read_pockets
 from models.shot import NOSE_COSINE, Array, Ball, Table
+from models.table.pocket_shape import read_pockets
 
 PLAN_FORMAT = "billiard-plan/1"
 MIN_DRAWS = 5  # draws that an outline needs

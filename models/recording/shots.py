@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from models.messages import counted
-from models.palette import FLOOR_COLOUR, Colour, ink
 from models.recording.clips import LaidClip, Review, ReviewOut, labels_of, lay_out
 from models.recording.file import whole_recording
 from models.recording.film import FILM_SCREEN, Film, draw_films
@@ -31,6 +30,7 @@ from models.recording.layers import (
 )
 from models.recording.table import draw_table
 from models.shot import Array, Ball, Table
+from models.table.palette import FLOOR_COLOUR, Colour, ink
 
 REVIEW_APPLICATION = "cuelab_review"
 MAX_LEGEND = 6  # most curves that are named in a plot

@@ -1,9 +1,8 @@
 """A series of shots to look at in the Rerun viewer: where each was to go, where it went, and how the miss fell.
 
 `shot` counts the shots: on this timeline the table shows how each one ended, and the curves run over the series. On
-`shot_time` [s] the balls roll as filmed, one shot after another, each with its t = 0 at a whole second. What it takes
-are plain values, since what makes a series lies further down the house. Left out: the third dimension, and what the
-refits made of single films. The same values give the same recording.
+`shot_time` [s] the balls roll as filmed, one shot after another, each with its t = 0 at a whole second. Left out: the
+third dimension, and what the refits made of single films. The same values give the same recording.
 """
 
 from __future__ import annotations
@@ -17,26 +16,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, Colour, ball_colour, ink
 from models.recording.clips import CLIP_GAP_S, UNSEEN_S, LaidClip, Review, ReviewOut
 from models.recording.file import whole_recording
 from models.recording.film import FILM_SCREEN, Film, draw_films
+from models.recording.series import STORY_CURVES, TARGET_COLOUR, SeriesRecording, SeriesShot, Way
 from models.recording.table import Out, draw_table
 from models.shot import Array, Ball, Table
+from models.table.palette import FLOOR_COLOUR, MODEL_COLOUR, WHITE_COLOUR, ball_colour, ink
 
 if TYPE_CHECKING:
     from models.recording.viewer import Feed
 
 STORY_APPLICATION, LIVE_APPLICATION = "cuelab_story", "cuelab_live_series"
-Way = tuple[Array, Array]  # time (n,) [s] in its shot, increasing; places (n, 2) [m]; NaN where unseen
-TARGET_COLOUR: Colour = (255, 159, 28)
-STORY_CURVES: Mapping[str, tuple[str, Colour]] = {
-    "miss": ("miss of the cue ball", (140, 190, 240)),
-    "median": ("its median in the block", (60, 130, 255)),
-    "spread": ("what the plan foresaw", TARGET_COLOUR),
-    "floor": ("the launcher's own scatter", (200, 200, 200)),
-}
 STORY_GUIDE = """
 * **Solid balls and thick lines**: as filmed, in the balls' own colours. **Thin cyan lines**: as planned.
 * **Orange cross**: where the cue ball was commanded to stop; the **arrow** leads from there to where it did.
@@ -44,34 +35,6 @@ STORY_GUIDE = """
 * **Timelines**: `shot` steps from shot to shot and shows how each ended; on `shot_time` the balls roll.
 * **Curves**, in mm over the shots: they end at the launcher's own scatter, if all else was learnt.
 """
-
-
-@dataclass(frozen=True)
-class SeriesShot:
-    """One shot: what was planned, and what came of it."""
-
-    number: int  # from 1
-    start: Mapping[str, Array]  # ball -> (2,) [m], table frame
-    planned: Mapping[str, Way] = field(default_factory=dict)  # by ball, of those that move
-    played: Mapping[str, Way] = field(default_factory=dict)  # by ball, as filmed; empty where there is no film
-    target: Array | None = None  # (2,) where the cue ball was commanded to stop [m]
-    stopped: Array | None = None  # (2,) where it did [m]
-    wanted: Array | None = None  # (2,) where it was wanted [m]
-    curves: Mapping[str, float] = field(default_factory=dict)  # a key of STORY_CURVES -> [m]; NaN for none
-    words: str = ""  # what came of it, in a line
-    page: str = ""  # the same at length, Markdown
-    clip: str = ""  # what films call it
-
-
-@dataclass(frozen=True)
-class SeriesRecording:
-    """A series."""
-
-    scenes: Sequence[SeriesShot]
-    lessons: Sequence[tuple[int, str]] = ()  # shots that a refit was made after, and what it found, in a line
-    words: str = ""  # what the series came to, Markdown
-    table: Table = SNOOKER_TABLE
-    ball: Ball = SNOOKER_BALL
 
 
 def write_story(path: Path | str, recording: SeriesRecording, *, title: str, films: Sequence[Film] = ()) -> str:

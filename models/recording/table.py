@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from models.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
 from models.shot import NOSE_HEIGHT, Array, Ball, Table
+from models.table.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
 
 PATH_HEIGHT_M = 0.003  # height of paths over the cloth in the 3-D view [m]
 

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour, ink
 from models.recording.file import whole_recording
 from models.recording.film import jpeg, playable_stamps
 from models.recording.table import pocket_discs
 from models.shot import Array, Table
+from models.table.palette import CLOTH_COLOUR, FLOOR_COLOUR, POCKET_COLOUR, ball_colour, ink
 
 TRACK_APPLICATION = "cuelab_track"
 MAX_WIDTH_PX = 960  # of single pictures [pixels]

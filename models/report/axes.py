@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from models.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
 from models.shot import Table
+from models.table.palette import CLOTH_COLOUR, CUSHION_COLOUR, POCKET_COLOUR, RAIL_COLOUR
 
 TABLE_MARGIN_M = 0.11  # of cushions and rail around the playing surface, as drawn
 CUSHION_DRAWN_M = 0.05

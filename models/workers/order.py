@@ -18,9 +18,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from models.engine.play import on_one_thread
 from models.errors import BadInput
 from models.interrupts import go_on
+from models.workers.threads import on_one_thread
 
 PACKAGES = ("models", "sysid", "planner", "robot")
 SOURCE_SUFFIXES = (".py", ".xml", ".toml")
@@ -87,7 +87,7 @@ class Requirements:
 
     def check(self) -> None:
         """Add the user's effects to the catalogue; BadInput if anything differs."""
-        from models.model_file import add_folder
+        from models.effect_catalogue import add_folder
 
         if self.stamp and (text := difference(self.stamp, source_stamp())):
             raise BadInput(f"worker on {platform.node()}: {text}")
@@ -105,7 +105,7 @@ class Requirements:
 
 def effects_digest() -> str:
     """A digest of the user's effects in the catalogue."""
-    from models.model_file import own_texts
+    from models.effect_catalogue import own_texts
 
     return hashlib.sha256(b"\0".join(own_texts())).hexdigest()[:12]
 

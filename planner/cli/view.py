@@ -149,7 +149,7 @@ def setup(shown: Shown, given: GivenStroke) -> tuple[Model, Setup]:
 
 def _racked(table: Table, ball: Ball) -> dict[str, Array]:
     """All balls on their spots, the white first, then the red at the top of the pack."""
-    from models.mjcf.snooker import racked
+    from models.table.snooker import racked
 
     spots = racked(table, ball)
     return {"white": spots["white"], "red 1": spots["red 1"]} | spots
@@ -158,7 +158,7 @@ def _racked(table: Table, ball: Ball) -> dict[str, Array]:
 def _source(shown: Shown) -> tuple[Table, Ball, dict[str, Array], dict[str, float]]:
     """Table, ball, positions by name (the ball to be struck first), and known parts of the stroke."""
     from models.files import entries_of
-    from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+    from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from planner.scene import read_scene, scene_from
     from sysid.clips.trust import tell_doubts
 

@@ -22,9 +22,9 @@ from models.mjcf.launcher import CUE_SPEED_RANGE, STAGE_TRAVEL_M
 from models.model_file import Model
 from models.mujoco.launcher import SimulatedStroke
 from models.mujoco.struck import TipStroke, play_struck, without_squirt
-from models.pocket_shape import POCKET_SETS, read_pockets
 from models.shot import GRAVITY, Shot, Track
 from models.simulation.simulate import simulate
+from models.table.pocket_shape import POCKET_SETS, read_pockets
 from planner.evaluation.outcome import Outcomes, concatenate, of_result, of_tracks
 from planner.launcher.mapped import MappedLauncher
 from planner.launcher.stroke import AZIMUTH, HEIGHT, SIDE, SPEED, LauncherModel

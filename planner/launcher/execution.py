@@ -23,8 +23,9 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from models.files import read_toml
-from models.files.decode import Allowed, Place, decode
+from models.files.decode import Allowed, decode
 from models.files.faults import Faults
+from models.files.place import Place
 
 Array = NDArray[np.float64]
 MAX_SD = {"speed_sd": 0.3, "azimuth_sd": 0.2, "side_sd": 0.01, "height_sd": 0.01}  # larger values are in a wrong unit

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.effect_catalogue import effect_class
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import Estimate, Model, effect_class, full_model
+from models.model_file import Estimate, Model, full_model
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.evaluation.play import Player
 from planner.evaluation.risk import draw_errors
 from planner.evaluation.value import UtilityWeights

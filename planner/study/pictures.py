@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from models.palette import ball_colour
 from models.report.axes import draw_table
 from models.report.figure import HELD_OUT_COLOUR, INK_COLOUR, MODEL_COLOUR, NOISE_COLOUR, png
 from models.shot import Ball, Table
+from models.table.palette import ball_colour
 from planner.study.figures import BASELINE, SEARCH, Record, calibration_pairs, observed
 
 METHOD_TITLES = {SEARCH: "ours", BASELINE: "baseline", "ceiling": "ceiling"}

@@ -19,8 +19,8 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files import scratch_folder, write_whole
-from models.presets import usual_mass
 from models.shot import Array, Ball, Table
+from models.table.presets import usual_mass
 from planner.from_picture import CUE_BALL_NAMES, DetectedBalls, balls_in_picture
 from robot.camera.recorder import NO_PICTURE, FilmRecorder, checked
 from robot.camera.source import Source

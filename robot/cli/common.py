@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 settings_option = input_option("settings", "L.toml", "Launcher's file; by default the published launcher's values.")
 yes_option = click.option("--yes", is_flag=True, help="Strike without asking; check first that the table is clear.")
-ARMED_S = 5.0  # duration of an arming (robot/emulator/firmware.py, and the protocol)
+ARMED_S = 5.0  # duration of an arming (robot/emulator/mechanism.py, and the protocol)
 VIDEO_HELP = "Camera by its number or address, or a film in its place."
 
 

@@ -153,7 +153,7 @@ def learn(
 
     Example: robot learn --out out/series --shots 40
     """
-    from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
+    from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
     from robot.learning.loop import begin
     from robot.learning.loop import learn as play_series
     from robot.learning.summary import figures, text_of

@@ -73,7 +73,7 @@ def repeat(
     wire.refuse("log")
     filming.refuse()
     at_table.refuse()
-    from models.mjcf.snooker import SNOOKER_TABLE
+    from models.table.snooker import SNOOKER_TABLE
     from robot.cueing.repeated import result, spread_strings, text
     from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure
 

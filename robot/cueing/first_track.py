@@ -15,8 +15,8 @@ from scipy.optimize import least_squares
 from models.analytic.cloth import slip
 from models.analytic.cue_impulse import Constants, Geometry, launch
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL
 from models.shot import GRAVITY, Array, Ball
+from models.table.snooker import SNOOKER_BALL
 
 TRACK_LENGTH_S = 0.35  # duration after the hit to which velocity and slip are fitted
 MIN_TRACK_S, MIN_TRACK_FRAMES = 0.02, 4  # shortest path after the hit; fewest frames later than that

@@ -24,7 +24,7 @@ from scipy.optimize import least_squares, minimize
 
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, ball_speed_and_squirt
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL
+from models.table.snooker import SNOOKER_BALL
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import MAX_SD, Execution
 from robot.cueing.campaign import CueShot

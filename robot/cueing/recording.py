@@ -9,8 +9,8 @@ import numpy as np
 
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL
 from models.recording.campaign import Strokes, write_campaign
+from models.table.snooker import SNOOKER_BALL
 from planner.launcher.cueing_map import CueingMap
 from robot.cueing.campaign import CueShot
 

@@ -16,11 +16,11 @@ import numpy as np
 
 from models.analytic.cloth import state_at
 from models.mjcf.launcher import CueProperties
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.mujoco.launcher import Launcher, SimulatedStroke
 from models.mujoco.world import World
 from models.shot import Array
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.launcher.stroke import LauncherModel
 from robot.cueing.campaign import CueShot
 from robot.cueing.first_track import ROLLING_FRICTION, TRACK_LENGTH_S, read_track

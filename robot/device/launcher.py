@@ -15,61 +15,25 @@ The yaw is set by hand; `Settings.check_yaw` checks the range of the stand. Left
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass
 
-from models.errors import BadInput
-from robot.device.link import Link
-from robot.device.outcome import Did, Done, LauncherFault, NotStruck, Refused, Stopped, StrokeUnknown
+from robot.device.outcome import Did, Done, NotStruck, StrokeUnknown
 from robot.device.protocol import (
-    BUSY_STATES,
-    FAULT_BITS,
     PROTOCOL_VERSION,
-    SILENCE_BIT,
     UNGUARDED_VERSION,
     LauncherError,
     LauncherStatus,
     LauncherStopped,
     LinkLost,
-    parse_status,
     string_number,
 )
-from robot.device.settings import Settings
+from robot.device.requests import PendingCommand, Requests
 
 MAX_ARMINGS = 3  # attempts at a stroke whose arming lapses before the stroke line arrives
 STOP_ARRIVAL_S = 1.0  # longest time for a stop to arrive
-SETTLE_STATES = ("IDLE", "EXTENDED")  # states in which motions end successfully
-REFUSAL_REMEDIES = {
-    "NO UNHOMED": "home it first",
-    "NO EXTENDED": "retract first",
-    "NO FAULT": "reset and home it first",
-    "NO STOPS": "it was stopped again meanwhile; check the launcher first",
-}
 
 
-@dataclass
-class _Command:
-    """A command in progress."""
-
-    began: float
-    incidents: int
-    retries: int = 0
-
-
-class Launcher:
+class Launcher(Requests):
     """A launcher at the end of a link; `with` opens the link, and stops the launcher after an exception."""
-
-    def __init__(
-        self, settings: Settings, link: Link | None, *, dry_run: bool = False, say: Callable[[str], None] = print
-    ) -> None:
-        """Create a driver; with `dry_run` commands report what they would send, send nothing, and need no link."""
-        if link is None and not dry_run:
-            raise BadInput("link is None; give an open line to the launcher, or dry_run=True")
-        self.settings, self.dry_run = settings, dry_run
-        self._link, self._say = link, say
-        self._known: LauncherStatus | None = None
-        self._taken_up = False  # whether the stage came from below
-        self._dry = LauncherStatus(state="IDLE")
 
     def __enter__(self) -> Launcher:
         """Open the link and connect."""
@@ -86,12 +50,6 @@ class Launcher:
         """Close the link; after an exception, stop first."""
         if not self.dry_run:
             self._line.__exit__(*why)  # type: ignore[arg-type]
-
-    @property
-    def _line(self) -> Link:
-        if self._link is None:
-            raise BadInput("this launcher has no link; only a dry run is possible")
-        return self._link
 
     def connect(self) -> Did:
         """Open the link if it is closed, greet, and query the status."""
@@ -203,13 +161,6 @@ class Launcher:
             raise LauncherError(f"the retract ended {status.state}; home the launcher again")
         return self._did(job, "retracted", status)
 
-    def stop(self) -> Stopped:
-        """Stop everything immediately; may be called from any thread."""
-        if self.dry_run:
-            self._say("would send !")
-            return Stopped(True, 0, 0.0)
-        return self._line.stop()
-
     def reset(self) -> Did:
         """Leave the stopped state, or a fault; homing is required afterwards. Refused if it was stopped again."""
         job = self._job()
@@ -220,7 +171,7 @@ class Launcher:
         self._taken_up = False
         return self._did(job, "reset", self._ask(job))
 
-    def _release(self, job: _Command, n: int, number: int) -> LauncherStatus | None:
+    def _release(self, job: PendingCommand, n: int, number: int) -> LauncherStatus | None:
         """Send 'NNNp' until it takes effect; returns the status, or None if the arming lapsed before."""
         name = f"stroke {number} ({n:03d}p)"
         try:
@@ -255,7 +206,7 @@ class Launcher:
             why = self._stopped(status)
         raise StrokeUnknown(f"{name} was begun, but not ended: {why}; look at the table")
 
-    def _after_stop(self, job: _Command, name: str, n: int, number: int) -> LauncherStatus:
+    def _after_stop(self, job: PendingCommand, name: str, n: int, number: int) -> LauncherStatus:
         """The outcome of a stroke that was stopped."""
         until = self._line.clock.now() + STOP_ARRIVAL_S
         try:
@@ -272,91 +223,12 @@ class Launcher:
             raise LauncherStopped(f"{self._stopped(status)} before {name} began; reset and home")
         return self._made(name, n, number, status)
 
-    def _stopped(self, status: LauncherStatus) -> str:
-        """The cause of a stop, in words."""
-        if status.faults & SILENCE_BIT:
-            return f"the launcher {FAULT_BITS[SILENCE_BIT]}"
-        by = self._line.elsewhere.stopped_by()
-        return f"the launcher was stopped by {by}" if by else "the launcher was stopped"
-
-    def _doing(self, what: str) -> None:
-        """Set the command in progress, for questions of other programs."""
-        if not self.dry_run:
-            self._line.elsewhere.doing = what
-
-    def _settle(self, job: _Command, what: str) -> LauncherStatus:
-        """Wait until a motion has ended; raises LauncherStopped or LauncherFault if it failed."""
-        status = self._wait(job, BUSY_STATES, what)
-        if status.state == "STOPPED":
-            raise LauncherStopped(f"{self._stopped(status)} during {what}; reset and home")
-        if status.state == "FAULT":
-            raise LauncherFault(f"{what} failed: {'; '.join(status.troubles()) or 'no reason given'}; reset and home")
-        if status.state not in SETTLE_STATES:
-            raise LauncherError(f"{what} was interrupted: the launcher is {status.state}; home it")
-        return status
-
-    def _wait(self, job: _Command, states: tuple[str, ...], what: str) -> LauncherStatus:
-        """Query until the launcher has left these states."""
-        timing = self.settings.timing
-        until = 0.0 if self.dry_run else self._line.clock.now() + timing.motion_s
-        while (status := self._ask(job)).state in states:
-            if self._line.clock.now() > until:
-                self.stop()
-                raise LauncherStopped(f"{what} took more than {timing.motion_s} s and was stopped; look, reset, home")
-            self._line.clock.sleep(timing.poll_s)
-        return status
-
-    def _ask(self, job: _Command, through_stop: bool = False) -> LauncherStatus:
-        """Query the status, and note reported restarts and noise."""
-        if self.dry_run:
-            return self._dry
-        got = self._line.exchange("STATUS", through_stop=through_stop)
-        job.retries += got.retries
-        status, before = parse_status(got.body), self._known
-        if status is None:
-            raise LauncherError(f"the launcher reports {got.body!r} for its status; check its firmware version")
-        self._known = status
-        if before is not None and status.boots != before.boots:
-            self._taken_up = False
-            self._line.note("restart", f"the launcher has restarted {status.boots - before.boots} times")
-        elif before is not None:
-            for name in ("dropped", "refused", "stops"):
-                more = getattr(status, name) - getattr(before, name)
-                if more:
-                    self._line.note(name, f"the launcher counted {more} further {name}")
-        return status
-
-    def _command(self, job: _Command, body: str, through_stop: bool = False) -> None:
-        """Send a command; raises Refused, LauncherStopped or LauncherFault if the launcher refuses it."""
-        if self.dry_run:
-            self._say(f"would send {body}")
-            return
-        got = self._line.exchange(body, through_stop=through_stop)
-        job.retries += got.retries
-        if got.body == "OK":
-            return
-        if got.body == "NO STOPPED":
-            raise LauncherStopped(f"{self._stopped(self._ask(job, through_stop=True))}; reset and home it first")
-        kind = LauncherFault if got.body == "NO FAULT" else Refused
-        raise kind(
-            f"the launcher refused {body!r} ({got.body}); {REFUSAL_REMEDIES.get(got.body, 'ask for its status')}"
-        )
-
-    def _job(self) -> _Command:
-        return _Command(0.0, 0) if self.dry_run else _Command(self._line.clock.now(), len(self._line.incidents))
-
-    def _noted(self, job: _Command) -> tuple[float, tuple[str, ...]]:
-        if self.dry_run:
-            return 0.0, ()
-        notes = tuple(f"{i.kind}: {i.detail}" for i in self._line.incidents[job.incidents :])
-        return self._line.clock.now() - job.began, notes
-
-    def _did(self, job: _Command, what: str, status: LauncherStatus) -> Did:
+    def _did(self, job: PendingCommand, what: str, status: LauncherStatus) -> Did:
         x, y = self.settings.tip_mm(status.x_um, status.y_um)
         seconds, noted = self._noted(job)
         return Did(what, status, x, y, seconds, job.retries, noted, self.dry_run)
 
-    def _done(self, job: _Command, n: int, number: int, status: LauncherStatus) -> Done:
+    def _done(self, job: PendingCommand, n: int, number: int, status: LauncherStatus) -> Done:
         x, y = self.settings.tip_mm(status.x_um, status.y_um)
         seconds, noted = self._noted(job)
         speed, force = (float("nan"),) * 2 if self.dry_run else (status.cue_speed, status.peak_force)

@@ -31,7 +31,7 @@ class Incident:
     """An unusual event on the line."""
 
     time: float  # by the link's clock [s]
-    kind: str  # silence, lost, junk, stale, slow, cable, stop, stopped, log, or one of launcher.py
+    kind: str  # silence, lost, junk, stale, slow, cable, stop, stopped, log, or one of launcher.py and requests.py
     detail: str
 
 

@@ -24,8 +24,9 @@ from models.errors import BadInput
 from robot.device.port import READ_SLICE_S
 from robot.device.protocol import STOP_BYTE
 from robot.emulator.faults import FaultInjection
-from robot.emulator.firmware import ExecutedAction, Firmware
+from robot.emulator.firmware import Firmware
 from robot.emulator.line import Line
+from robot.emulator.mechanism import ExecutedAction
 
 
 class Pace:

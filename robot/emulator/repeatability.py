@@ -3,7 +3,7 @@
 In: the launcher's settings, strings, a seed. Out: path length and scatter of the ball for each string
 (robot/cueing/repeated.py). On an unlimited cloth (`OPEN_CLOTH`) the same strokes run up to 30 m and scatter six times
 as much; this separates the launcher from the cushions. The emulated launcher repeats its speed within 1.25 %
-(robot/emulator/firmware.py), which gives 47 mm over 1800 strokes, and within 3 mm of it over 300, the default of
+(robot/emulator/mechanism.py), which gives 47 mm over 1800 strokes, and within 3 mm of it over 300, the default of
 `robot repeat`.
 
 The ball lies on the brown spot and is struck straight up the table, tip at its centre, with the stand turned once; it
@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from models.model_file import full_model
 from models.shot import Array, Table
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from robot.cueing.repeated import DEFAULT_REPEATS, Repeated, summarised
 from robot.device.settings import Settings
 from robot.emulator.table import PLACE_SIGMA_M, EmulatedOptions, EmulatedTable, emulated_launcher

@@ -1,7 +1,7 @@
 """The emulated stage that places the tip: two axes with drive and backlash, and the duration of moves.
 
 In: targets and times. Out: positions of motors and tip. The tip lags behind the motor after a reversal: with a backlash
-b, x_tip = clip(x_tip, x_motor, x_motor + b), without lag after an approach from below. Grades as in firmware.py.
+b, x_tip = clip(x_tip, x_motor, x_motor + b), without lag after an approach from below. Grades as in mechanism.py.
 """
 
 from __future__ import annotations

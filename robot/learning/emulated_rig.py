@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from models.analytic.cue_impulse import Constants
-from models.model_file import Model, effect_class
+from models.effect_catalogue import effect_class
+from models.model_file import Model
 from models.shot import Array
 from planner.scene import Scene
 from robot.cueing.hidden import draw_values

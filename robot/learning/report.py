@@ -17,7 +17,8 @@ from typing import Any
 from models.files import write_whole
 from models.messages import counted
 from models.recording.film import Film
-from models.recording.story import SeriesRecording, SeriesShot, Way, write_story
+from models.recording.series import SeriesRecording, SeriesShot, Way
+from models.recording.story import write_story
 from models.report.figure import Draw, png, svg
 from models.report.numbers import NO_VALUE, millimetres, number
 from models.report.page import printable, write_page

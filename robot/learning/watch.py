@@ -9,7 +9,8 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from models.recording.story import LiveStory, SeriesRecording
+from models.recording.series import SeriesRecording
+from models.recording.story import LiveStory
 from models.shot import Ball, Table
 from robot.learning.history import count_played, read_history
 from robot.learning.report import planned_recording, recording_of

@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from models.errors import BadInput
-from models.mjcf.snooker import spots
 from models.shot import Array, Ball, Table
+from models.table.snooker import spots
 from planner.from_picture import CUE_BALL_NAMES
 from robot.camera.align import align, turn_for
 from robot.device.launcher import Launcher

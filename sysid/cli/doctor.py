@@ -69,7 +69,7 @@ class FilmedTable:
 
     def known_mass(self) -> float | None:
         """Mass of a ball [kg], if it was given or follows from the table's name."""
-        from models.presets import TABLE_SETS
+        from models.table.presets import TABLE_SETS
 
         known = table_set(self.table_name, self.diameter, self.mass, self.no_pockets).ball
         return known.mass if self.mass is not None or known in [one.ball for one in TABLE_SETS.values()] else None

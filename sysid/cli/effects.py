@@ -24,7 +24,8 @@ def add(effect: str, model_file: Path, out: Path) -> int:
 
     Example: sysid add table_tilt --model fitted.toml --out tilted.toml
     """
-    from models.model_file import effect_class, read_model, write_model
+    from models.effect_catalogue import effect_class
+    from models.model_file import read_model, write_model
 
     added = effect_class(effect)()
     before = read_model(model_file)
@@ -81,7 +82,7 @@ def effects(
     Example: sysid effects table_tilt cloth_nap
     """
     from models.contract.checks import described, faults
-    from models.model_file import add_folder, catalogue, effect_class
+    from models.effect_catalogue import add_folder, catalogue, effect_class
 
     own = [name for folder in effect_folders for name in add_folder(folder)]
     entries: list[dict[str, Any]] = []

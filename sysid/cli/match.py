@@ -43,7 +43,8 @@ def match(progress: Progress, json_file: Path | None, tune: Path | None, clips: 
         write_clips(clips)
         print(f"{clips}: clips of the analytic models, and native.toml, from which to fit MuJoCo's contacts")
         return Status.DONE
-    from sysid.validation.match import line, rows, to_json
+    from sysid.validation.match import rows
+    from sysid.validation.match_result import line, to_json
 
     found = []
     for row in rows():

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from models.files import parse, read_text
-from models.files.decode import Allowed, Place, of_format, usable
+from models.files.decode import Allowed, of_format, usable
 from models.files.faults import Faults, shown
-from models.presets import named_table
+from models.files.place import Place
 from models.shot import Ball, Table
+from models.table.presets import named_table
 from sysid.clips.clip_set import CueCommand
 from sysid.clips.names import CLIPS_TOML, find_file, name_fault, path_fault
 from sysid.clips.session import SessionEntries

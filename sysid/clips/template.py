@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-from models.pocket_shape import POCKET_SETS, PocketShapes
-from models.presets import TableSet
 from models.shot import Ball, Table
+from models.table.pocket_shape import POCKET_SETS, PocketShapes
+from models.table.presets import TableSet
 from sysid.clips.names import CLIPS_TOML
 from sysid.clips.read import check_clip_set
 from sysid.clips.write import assignments, replace_folder

@@ -23,9 +23,9 @@ from models.errors import BadInput, one_line
 from models.files import read_document
 from models.files.faults import Faults, shown
 from models.files.writing import unwritable
-from models.pocket_shape import POCKET_SETS
-from models.presets import TABLE_SETS
 from models.shot import Table
+from models.table.pocket_shape import POCKET_SETS
+from models.table.presets import TABLE_SETS
 from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.header import CLIP_SET_FORMAT
 from sysid.clips.names import CLIPS_TOML, name_fault, path_fault

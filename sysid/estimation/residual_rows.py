@@ -20,12 +20,13 @@ from models.compiled import compiled, compiled_in_place, compiled_within
 from models.engine.columns import ROW_SIZE
 from models.engine.impacts import deliver
 from models.engine.loop import play_shot
-from models.engine.play import MAX_EVENTS, Layout, over_threads
+from models.engine.play import MAX_EVENTS, Layout
 from models.engine.workspace import Forces, Options, ShotLaws, ShotLog, workspace
 from models.errors import BadInput
 from models.hooks import STROKE_FIELDS
 from models.shot import Session
 from models.simulation.observe import camera, expose, see, unsee
+from models.workers.threads import over_threads
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -30,7 +30,7 @@ from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Shot, Track
 from models.simulation.observe import observed, undone
-from models.sizes import BALL_DIAMETER, stated_size
+from models.table.sizes import BALL_DIAMETER, stated_size
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
 from sysid.clips.segments import CLAMP_MARGIN_M, free_from, moving_from

@@ -9,7 +9,7 @@ better.
 from __future__ import annotations
 
 from models.model_file import Model
-from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH, stated_size
+from models.table.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH, stated_size
 from sysid.estimation.problem import by_events
 
 TAPE_SD = 0.003  # sd of a length: noses yield, and a tape sags and is held by hand: 5 to 10 mm on 3.5 m

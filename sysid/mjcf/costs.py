@@ -23,8 +23,8 @@ from models.simulation.simulate import simulate
 from sysid.mjcf.player import play_plain
 from sysid.mjcf.said import EXPRESSIBLE, is_expressible, without
 from sysid.mjcf.terms import FittedTerms
-from sysid.validation.match import SETTLING_TIME_S
 from sysid.validation.shots import LEAD_TIME_S, two_ball_shots
+from sysid.validation.tested_models import SETTLING_TIME_S
 
 log = logging.getLogger(__name__)
 SHOTS, SECONDS = 200, 4.0

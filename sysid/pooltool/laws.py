@@ -18,9 +18,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from models.effect_catalogue import effect_class
 from models.engine.play import lacking
 from models.errors import BadInput
-from models.model_file import Model, effect_class
+from models.model_file import Model
 from models.shot import GRAVITY, NOSE_SINE, RAIL_NAMES
 
 RESOLVER_VERSION = 9  # of pooltool 0.6

@@ -21,7 +21,8 @@ import numpy as np
 
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
-from models.pocket_shape import (
+from models.shot import NOSE_COSINE, Array, Ball, Table
+from models.table.pocket_shape import (
     CORNER_PARALLEL_RAD,
     MIDDLE_PARALLEL_RAD,
     POCKET_SETS,
@@ -29,7 +30,6 @@ from models.pocket_shape import (
     PocketShapes,
     read_pockets,
 )
-from models.shot import NOSE_COSINE, Array, Ball, Table
 from sysid.pooltool.frame import TableFrame, nose_shift, turned_there
 
 NOSES_BY_RAIL: Mapping[str, tuple[str, ...]] = {"+x": ("9",), "-x": ("18",), "+y": ("3", "6"), "-y": ("15", "12")}

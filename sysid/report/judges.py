@@ -12,7 +12,7 @@ from typing import Final
 from models.model_file import Model
 from models.report.numbers import value_with_sd
 from models.shot import GRAVITY, NOSE_COSINE, NOSE_HEIGHT, NOSE_SINE, RAIL_NAMES
-from models.sizes import BALL_DIAMETER, TABLE_LENGTH, TABLE_WIDTH
+from models.table.sizes import BALL_DIAMETER, TABLE_LENGTH, TABLE_WIDTH
 from sysid.estimation.sizes import SIZE_SDS
 from sysid.report.finding import INTERVAL_SDS, NOT_DETERMINED, Finding, HealthLine
 from sysid.report.typical import (

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from models.effect import Effect
-from models.model_file import Model, catalogue
+from models.effect_catalogue import catalogue
+from models.model_file import Model
 from sysid.estimation.fitted import FittedModel
 from sysid.selection.evidence import Evidence
 from sysid.selection.formulas.formula import SEPARATED_LOG_ODDS, SparseFormula

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from models.engine.play import play
-from models.mjcf.snooker import SNOOKER_BALL
 from models.model_file import Model, write_model
 from models.shot import Shot
+from models.table.snooker import SNOOKER_BALL
 from sysid.clips import Clip, ClipSet, Observation, write_clip_set
 from sysid.validation.shots import ANALYTIC_MODEL, MATHAVAN_TABLE
 

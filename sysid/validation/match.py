@@ -12,19 +12,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from models.analytic import cloth
+from models.effect_catalogue import catalogue
 from models.engine.play import lacking, play
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import Model, catalogue, full_model
+from models.model_file import full_model
 from models.mujoco import stroke
-from models.shot import Array, Shot, Table, Track
+from models.shot import Array, Shot, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
+from sysid.validation.match_result import MatchResult
 from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 from sysid.validation.shots import (
     ANALYTIC_MODEL,
@@ -42,50 +43,10 @@ from sysid.validation.shots import (
     random_states,
     two_ball_shots,
 )
+from sysid.validation.tested_models import SETTLING_TIME_S, ModelUnderTest, in_mujoco, models_under_test
 
-SETTLING_TIME_S = {"native": 3e-3, "effects": 6e-4, "analytic": 1e-5}  # time from the touch until the contact is over
 OPEN_TOLERANCE_MM, IMPACT_TOLERANCES = 1.0, {"ball": (0.1, 0.4), "cushion": (0.2, 0.6)}  # median and worst [%]
 SOME_EFFECTS = ("table_tilt", "cushion_restitution_speed", "ball_friction_speed")
-
-
-@dataclass(frozen=True)
-class MatchResult:
-    """One error of a model against a reference."""
-
-    case: str
-    model: str  # "native" or "effects"
-    error: float
-    unit: str
-    tolerance: float | None = None
-    analytic: float | None = None  # the error of the analytic model, where it has one
-
-    @property
-    def ok(self) -> bool:
-        """Whether the error is within its tolerance; True without one."""
-        return self.tolerance is None or self.error <= self.tolerance
-
-
-@dataclass(frozen=True)
-class ModelUnderTest:
-    """A model of the table in MuJoCo."""
-
-    name: str
-    model: Model
-
-    def __call__(self, table: Table, shots: Sequence[Shot]) -> list[Track]:
-        """Play shots; returns their tracks."""
-        return simulate(dataclasses.replace(self.model, table=table), shots)
-
-
-def in_mujoco(model: Model) -> Model:
-    """The model, simulated by MuJoCo."""
-    return dataclasses.replace(model, engine="mujoco")
-
-
-def models_under_test() -> tuple[ModelUnderTest, ModelUnderTest]:
-    """The tested models: native MJCF, and MJCF with effects."""
-    native, effects = Model(MATHAVAN_TABLE, SNOOKER_BALL), ANALYTIC_MODEL
-    return ModelUnderTest("native", in_mujoco(native)), ModelUnderTest("effects", in_mujoco(effects))
 
 
 def motion(tested: ModelUnderTest, count: int = 500) -> list[MatchResult]:
@@ -317,19 +278,3 @@ def rows(count: int = 500, shots: int = 200, few: bool = False) -> Iterator[Matc
     parts += [partial(effect, name, min(shots, 40)) for name in playable_effects()]
     for part in parts:
         yield from part()
-
-
-def line(row: MatchResult) -> str:
-    """A result as a line of text."""
-    tolerance = "" if row.tolerance is None else f"  tolerance {row.tolerance:g} {row.unit}"
-    analytic = "" if row.analytic is None else f"  (analytic {row.analytic:.3g})"
-    exceeded = "" if row.ok else ": EXCEEDED"
-    return f"{row.case:79} {row.model:8} {row.error:9.3g} {row.unit:3}{analytic}{tolerance}{exceeded}"
-
-
-def to_json(row: MatchResult) -> dict[str, object]:
-    """A result as an entry of the JSON file."""
-    return {
-        "case": row.case, "model": row.model, "error": row.error, "unit": row.unit, "reach": row.tolerance,
-        "analytic": row.analytic, "ok": row.ok,
-    }  # fmt: skip

@@ -19,13 +19,13 @@ import numpy as np
 
 from models.effect import Effect
 from models.mjcf.native import TUNING_SOURCE, Native
-from models.mjcf.snooker import SNOOKER_BALL
 from models.model_file import Estimate, Model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL
 from sysid.estimation.solver.least_squares import Objective, Prior, fit_each
-from sysid.validation.match import SETTLING_TIME_S
 from sysid.validation.shots import ANALYTIC_MODEL, MATHAVAN_TABLE, OPEN_TABLE, impact_shot, impact_states, random_states
+from sysid.validation.tested_models import SETTLING_TIME_S
 
 log = logging.getLogger(__name__)
 RANDOM_STATES = 60  # random states of motion, or impacts, in the fit of a case

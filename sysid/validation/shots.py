@@ -11,9 +11,9 @@ import dataclasses
 import numpy as np
 
 from models.engine.play import play
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.shot import Array, Ball, Session, Shot, Table, Track
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 OPEN_TABLE = Table(60.0, 60.0, pockets=False)  # so wide that no ball touches a cushion
 MATHAVAN_TABLE = Table(2.959, 1.473, pockets=False)

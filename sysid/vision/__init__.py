@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from sysid.vision.film import Taken, TrackedFilm, track_film, track_footage
     from sysid.vision.film_set import FilmSet
     from sysid.vision.films import film_entries, films_of, missing_line
-    from sysid.vision.frames import Footage, Picture
+    from sysid.vision.frames import Footage
+    from sysid.vision.sources.pictures import Picture
     from sysid.vision.still_balls import StillBall, find_balls
 
 __all__ = [
@@ -68,7 +69,7 @@ __getattr__, __dir__ = lazy(
         "Footage": "sysid.vision.frames:Footage",
         "FoundCamera": "sysid.vision.calibration:FoundCamera",
         "NoCamera": "sysid.vision.calibration:NoCamera",
-        "Picture": "sysid.vision.frames:Picture",
+        "Picture": "sysid.vision.sources.pictures:Picture",
         "StillBall": "sysid.vision.still_balls:StillBall",
         "Taken": "sysid.vision.film:Taken",
         "TrackedFilm": "sysid.vision.film:TrackedFilm",

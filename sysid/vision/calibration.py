@@ -27,8 +27,8 @@ from sysid.vision.camera.pictures.seen_picture import SeenTable, seen_table
 from sysid.vision.camera.projection import Camera
 from sysid.vision.camera.table.reading import CameraHints
 from sysid.vision.camera.trust import is_of_focal_length
-from sysid.vision.frames import Picture
 from sysid.vision.samples import spread_pictures
+from sysid.vision.sources.pictures import Picture
 
 MEDIAN_FRAMES = 15  # of a video, of which the median is taken
 MIN_MEDIAN_FRAMES = 5  # of each of several videos

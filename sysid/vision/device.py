@@ -15,7 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import BadInput
-from sysid.vision.frames import Footage, FrameTimes, Picture, Video, grabbed, quiet, retrieved
+from sysid.vision.frames import Footage
+from sysid.vision.sources.frame_times import FrameTimes
+from sysid.vision.sources.pictures import Picture, grabbed, quiet, retrieved
+from sysid.vision.sources.video import Video
 
 
 class Device:

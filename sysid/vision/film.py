@@ -18,8 +18,8 @@ import numpy as np
 
 from models.errors import BadInput
 from models.messages import MessageParts, option
-from models.presets import usual_mass
 from models.recording.live import LiveTrack
+from models.table.presets import usual_mass
 from models.workers.order import report
 from sysid.clips import ClipSet
 from sysid.vision import track_report

@@ -19,7 +19,8 @@ from models.commands.console import named
 from models.errors import BadInput
 from models.recording.film import Film
 from sysid.clips import Clip, ClipSet
-from sysid.vision.frames import Picture, open_footage
+from sysid.vision.frames import open_footage
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.recordings import VIDEOS_KEY, place_of, video_name, videos_in
 
 STRIKE_TOLERANCE_S = 1e-4  # of a frame's stamp from the strike

@@ -11,8 +11,9 @@ import numpy as np
 from models.errors import BadInput
 from models.files import write_whole
 from models.messages import counted
-from models.palette import ball_colour
-from sysid.vision.frames import Footage, Picture
+from models.table.palette import ball_colour
+from sysid.vision.frames import Footage
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.clips import note
 from sysid.vision.tracks.track import ClipTracks, Tracked, lost_frames
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from models.errors import BadInput
-from sysid.vision.frames import Picture, check_size, grabbed, quiet, read_picture, retrieved
+from sysid.vision.sources.pictures import Picture, check_size, grabbed, quiet, read_picture, retrieved
 
 PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm"}
 

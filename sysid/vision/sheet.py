@@ -14,11 +14,12 @@ import numpy as np
 
 from models.errors import BadInput
 from models.files import write_whole
-from models.palette import ball_colour
+from models.table.palette import ball_colour
 from sysid.clips import Clip, ClipSet
 from sysid.vision.camera.camera_motion import standing
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Footage, Picture, open_footage
+from sysid.vision.frames import Footage, open_footage
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.recordings import videos_in
 
 WIDTH_PX = 420  # of a picture

@@ -24,7 +24,8 @@ from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Picture, open_footage
+from sysid.vision.frames import open_footage
+from sysid.vision.sources.pictures import Picture
 
 LAST_PICTURES = 8  # in which a ball at rest is looked for
 SAME_BALL_RADII = 1.0  # distance within which detections of one name in different frames are the same ball

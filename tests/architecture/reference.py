@@ -16,7 +16,7 @@ import models
 import planner
 import sysid
 from models.contract.checks import described
-from models.model_file import catalogue
+from models.effect_catalogue import catalogue
 from tests.architecture.source import ROOT
 
 PACKAGES = (models, sysid, planner)

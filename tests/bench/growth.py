@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from models.effect_catalogue import effect_class
 from models.engine.play import finish, play
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import Model, effect_class, full_model
+from models.model_file import Model, full_model
 from models.shot import Shot
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from tests.bench.speed import best
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from models.engine.play import finish
-from models.mjcf.snooker import SNOOKER_BALL
 from models.model_file import Model, full_model
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
-from sysid.validation.match import in_mujoco
+from models.table.snooker import SNOOKER_BALL
+from sysid.validation.tested_models import in_mujoco
 from tests.truth import physics
 from tests.truth.cloth import Constants as Truth
 

@@ -31,9 +31,9 @@ import numpy as np
 
 from models.commands.console import table
 from models.model_file import Estimate, Model, full_model
-from models.presets import TableSet, find_table
 from models.shot import GRAVITY, Array, Shot
 from models.simulation.simulate import simulate
+from models.table.presets import TableSet, find_table
 from planner.evaluation.play import Player
 from planner.evaluation.published import with_published_spread
 from planner.evaluation.risk import draw_errors

@@ -15,7 +15,9 @@ from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.vision.balls.colours.palette import default_palette
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.frames import Footage, FrameTimes, Pictures
+from sysid.vision.frames import Footage
+from sysid.vision.sources.frame_times import FrameTimes
+from sysid.vision.sources.picture_files import Pictures
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film

@@ -22,7 +22,7 @@ import numpy as np
 
 from models.errors import BadInput
 from models.model_file import read_model
-from models.presets import TABLE_SETS
+from models.table.presets import TABLE_SETS
 from planner.launcher.cueing_map import read_map
 from planner.launcher.execution import read_execution
 from planner.planning import read_plan
@@ -36,12 +36,15 @@ from robot.learning.history import read_history
 from robot.order import read_order
 from sysid.clips import read_clip_set
 from sysid.estimation.solver.journal import Journal
-from sysid.foreign.convert import ShotFile, Stated, import_files
+from sysid.foreign.convert import ShotFile, import_files
+from sysid.foreign.stated import Stated
 from sysid.new_effect import source_of
 from sysid.vision.balls.colours.palette import read_palette
 from sysid.vision.camera.pictures.clicks import read_points
 from sysid.vision.camera.projection import read_camera
-from sysid.vision.frames import Pictures, open_footage, read_picture
+from sysid.vision.frames import open_footage
+from sysid.vision.sources.picture_files import Pictures
+from sysid.vision.sources.pictures import read_picture
 from tests.fuzz.verbs import SEEDS, SERIES
 
 TABLE = TABLE_SETS["snooker"]

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from models.engine import play
 from models.files.limits import MAX_PICTURE_PIXELS
+from models.workers import threads
 from tests.fuzz.verbs import SEEDS, Command, program_of
 
 LIMIT_S, LIMIT_WAITING_S = 60.0, 300.0  # of processor time; of the clock, since other work may have the processor
@@ -84,8 +84,8 @@ def prepare() -> None:
         importlib.import_module(name)
     cv2.setNumThreads(1)
     sysid.prepare.prepare()
-    play._pool.cache_clear()  # threads do not survive a fork
-    play._cores.cache_clear()
+    threads._pool.cache_clear()  # threads do not survive a fork
+    threads._cores.cache_clear()
 
 
 def tried(command: Command, folder: Path) -> Ended:

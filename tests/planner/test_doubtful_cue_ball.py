@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.presets import POOL_BALL, TABLE_SETS
+from models.table.presets import POOL_BALL, TABLE_SETS
 from planner.from_picture import DetectedBalls, _cue_doubts, scene_of
 from sysid.vision import StillBall
 

@@ -16,12 +16,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from models.effect_catalogue import effect_class
 from models.environment.task import ActionBounds, ShotEnvironment, ShotPhysics, ShotTask
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import Estimate, Model, effect_class, full_model
-from models.pocket_shape import read_pockets
+from models.model_file import Estimate, Model, full_model
 from models.shot import Table
+from models.table.pocket_shape import read_pockets
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner import example_environment
 from planner.environment import as_strokes, load
 from planner.evaluation.play import Player

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.effect import Effect, param
-from models.model_file import effect_class
+from models.effect_catalogue import effect_class
 from models.shot import GRAVITY
 from planner.launcher.stroke import AZIMUTH, SIDE
 from planner.scene import pocket_places

@@ -16,7 +16,8 @@ import pytest
 
 import planner.cli
 from models.commands.console import Progress, Status
-from models.model_file import Estimate, effect_class, full_model, read_model
+from models.effect_catalogue import effect_class
+from models.model_file import Estimate, full_model, read_model
 from models.shot import Ball, Table, largest_overlap
 from models.workers import open_workers
 from planner.cli.study import StudyOptions

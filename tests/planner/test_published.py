@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.model_file import Estimate, full_model
-from models.presets import TABLE_SETS
+from models.table.presets import TABLE_SETS
 from planner.evaluation.play import Player
 from planner.evaluation.published import unfitted_spread, with_published_spread
 from planner.evaluation.risk import draw_errors

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from models.shot import Array, Ball, Table, largest_overlap
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 from planner.from_picture import balls_in_clip, balls_in_picture, scene_from_clips, scene_from_picture, scene_of
 from planner.scene import (
     MAX_OVERLAP_M,

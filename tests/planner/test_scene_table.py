@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from models.errors import BadInput
-from models.presets import POOL_BALL, TABLE_SETS
 from models.shot import Ball
+from models.table.presets import POOL_BALL, TABLE_SETS
 from planner.scene import read_scene, write_scene
 from tests.support.plan_samples import TEXT
 

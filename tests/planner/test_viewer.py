@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model, write_model
 from models.shot import Table
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.cli.verbs import main
 from planner.cli.view import GivenStroke, Shown, setup, view
 from planner.example_environment import example_scene

@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from models.analytic.pocket import pockets_of
 from models.effect import Effect
+from models.effect_catalogue import catalogue
 from models.errors import BadInput
 from models.files.decode import Allowed
-from models.model_file import Model, catalogue, full_model
-from models.pocket_shape import SHAPE_BOUNDS, read_pockets
-from models.presets import TABLE_SETS
+from models.model_file import Model, full_model
 from models.shot import Array, Ball, Session, Shot, Table
+from models.table.pocket_shape import SHAPE_BOUNDS, read_pockets
+from models.table.presets import TABLE_SETS
 
 MAX_BALLS, MAX_EFFECTS = 22, 4
 MAX_SPEED, MAX_SPIN = 10.0, 250.0  # of a struck ball [m/s], [rad/s]

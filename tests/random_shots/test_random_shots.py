@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from models.effect_catalogue import effect_class
 from models.engine.play import finish, play
-from models.model_file import Model, effect_class, full_model
+from models.model_file import Model, full_model
 from models.shot import GRAVITY, Ball, Shot, Table
 from models.simulation.simulate import simulate
 from tests.random_shots.draws import batch, picked

@@ -14,8 +14,9 @@ from robot.device.outcome import Did, Done, StrokeUnknown
 from robot.device.protocol import LauncherError
 from robot.device.settings import Settings
 from robot.emulator.faults import FAULT_KINDS, Fault, FaultInjection
-from robot.emulator.firmware import ExecutedAction, Firmware
+from robot.emulator.firmware import Firmware
 from robot.emulator.line import Line, VirtualClock, WirePort
+from robot.emulator.mechanism import ExecutedAction
 
 BAUD = 19200
 

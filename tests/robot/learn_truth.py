@@ -18,9 +18,9 @@ import numpy as np
 
 from models.analytic.cue_impulse import CONSTANT_NAMES, Constants, Geometry, launch
 from models.commands.console import Progress
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.shot import GRAVITY, Array, Track
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
 from robot.emulator.table import EmulatedTable

@@ -13,10 +13,10 @@ import pytest
 
 from models.analytic.cue_impulse import Constants, Geometry
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
 from models.shot import Shot
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
 from planner.launcher.mapped import execution_of, with_map

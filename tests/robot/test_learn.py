@@ -15,10 +15,10 @@ import robot.learning.loop
 from models.analytic.cue_impulse import CONSTANT_NAMES
 from models.analytic.pocket import pockets_of
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import read_model
 from models.shot import Array, Ball, Session, Shot, Table, Track
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.mapped import with_map
 from planner.launcher.stroke import LauncherModel as Strokes

@@ -15,9 +15,9 @@ import pytest
 
 import robot.learning.loop
 from models.analytic.cue_impulse import Constants, Geometry
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Ball, Table
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.launcher.cueing_map import CueingMap, write_map
 from planner.launcher.execution import Execution
 from robot.cli.learn import learn

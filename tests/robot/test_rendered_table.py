@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
-from models.mjcf.snooker import SNOOKER_BALL, spots
 from models.model_file import full_model
 from models.shot import Table
+from models.table.snooker import SNOOKER_BALL, spots
 from robot.camera.live import CameraOptions, LiveCamera
 from robot.cli.verbs import main
 from robot.cueing.campaign import read_campaign

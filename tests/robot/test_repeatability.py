@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import robot.emulator.firmware as fw
 import robot.emulator.repeatability as rep
 from models.errors import BadInput
 from models.shot import Table
 from robot.cli.verbs import main
 from robot.cueing.repeated import Repeated, mean_scatter, rows, spread_strings, summarised, text
 from robot.device.settings import Settings, SpeedTable
+from robot.emulator import mechanism
 from robot.emulator.repeatability import OPEN_CLOTH, Conditions, measure
 
 OURS = Settings()
@@ -28,7 +28,7 @@ PAPER = 0.050  # Robotic Billiards 2015, section V.C [m]
 def sure(monkeypatch: pytest.MonkeyPatch) -> None:
     """A launcher whose strokes are all the same."""
     for name in ("SPEED_SCATTER", "REST_SD_M", "ENCODER_SPEED_SD"):
-        monkeypatch.setattr(fw, name, 0.0)
+        monkeypatch.setattr(mechanism, name, 0.0)
 
 
 def test_a_sure_launcher_puts_the_ball_where_it_was(sure: None) -> None:

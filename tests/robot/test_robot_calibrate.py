@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import robot.emulator.firmware as fw
 from models.errors import BadInput
 from planner.launcher.stroke import LauncherModel as Planned
 from robot.cli.verbs import main
@@ -32,6 +31,8 @@ from robot.device.protocol import LauncherError
 from robot.device.settings import Settings, read_settings, write_settings
 from robot.emulator.firmware import Firmware
 from robot.emulator.line import Line, VirtualClock, WirePort
+from robot.emulator.mechanism import ENCODER_SPEED_SD, SPEED_SCATTER
+from robot.emulator.stroke_motion import paper_law
 
 OURS = Settings()
 
@@ -87,7 +88,7 @@ def test_the_hidden_law_comes_back() -> None:
     with launcher:
         measured = measure_strings(launcher, CALIBRATION_STRINGS, 8)
     for row in measured:
-        assert abs(row.mean - hidden_law(row.string)) < 4.5 * fw.SPEED_SCATTER * hidden_law(row.string) / math.sqrt(8)
+        assert abs(row.mean - hidden_law(row.string)) < 4.5 * SPEED_SCATTER * hidden_law(row.string) / math.sqrt(8)
     table = speed_table(measured)
     between = np.array([table.cue_speed(n) / hidden_law(n) - 1 for n in range(1, 201)])
     assert np.abs(between).max() < 0.02  # scatter of the means, and straight lines for a bent law
@@ -99,7 +100,7 @@ def test_the_scatter_is_the_launchers() -> None:
     with launcher:
         measured = measure_strings(launcher, (60, 140), 60)
     for row in measured:
-        assert row.sd == pytest.approx(math.hypot(fw.SPEED_SCATTER, fw.ENCODER_SPEED_SD) * row.mean, rel=0.3)
+        assert row.sd == pytest.approx(math.hypot(SPEED_SCATTER, ENCODER_SPEED_SD) * row.mean, rel=0.3)
         assert row.mean_sd == row.sd / math.sqrt(60)
 
 
@@ -219,7 +220,7 @@ def test_the_command_writes_a_launchers_file(tmp_path: Path, capsys: pytest.Capt
     assert "no --port" in told and "020p" in told and str(out) in told
     table = read_settings(out).calibration
     assert table.strings == (20, 100, 180)
-    assert table.speeds == pytest.approx([fw.paper_law(n) for n in table.strings], rel=0.03)
+    assert table.speeds == pytest.approx([paper_law(n) for n in table.strings], rel=0.03)
     kept = json.loads(figures.read_text())
     assert [row["strokes"] for row in kept["strings"]] == [3, 3, 3]
     assert [row["mean"] for row in kept["strings"]] == pytest.approx(table.speeds, abs=1e-6)

@@ -15,7 +15,7 @@ from planner.launcher import stroke as planned
 from robot.device import protocol
 from robot.device.protocol import LauncherStatus, Message, Reader, StopByte, StrokeLine, frame, stroke_line, unframe
 from robot.device.settings import SpeedTable
-from robot.emulator import firmware as fw
+from robot.emulator import mechanism
 from robot.emulator.firmware import Firmware
 from robot.emulator.paper import PaperFirmware
 from robot.emulator.stage import BACKLASH_UM
@@ -196,7 +196,7 @@ def test_a_stroke_needs_arming_and_uses_it_up() -> None:
 def test_an_unused_arming_lapses() -> None:
     hand = Hand()
     hand.bring("ARMED")
-    assert hand.wait(fw.ARMED_TIMEOUT_S + 0.01).state == "IDLE"
+    assert hand.wait(mechanism.ARMED_TIMEOUT_S + 0.01).state == "IDLE"
     hand.device.receive(b"047p")
     hand.wait()
     assert struck(hand) == []
@@ -323,12 +323,12 @@ def test_speed_ripples_by_a_hundredth_and_is_measured_closely() -> None:
     for number in range(1, 61):
         hand.strike(100, number)
         told = hand.device.status()
-        assert told.cue_speed == pytest.approx(hand.hits[-1][0], rel=5 * fw.ENCODER_SPEED_SD)
+        assert told.cue_speed == pytest.approx(hand.hits[-1][0], rel=5 * mechanism.ENCODER_SPEED_SD)
         assert hand.ask("RETRACT") == "OK"
         hand.wait()
     speeds = np.array([hit[0] for hit in hand.hits]) / paper_law(100) - 1
     assert 0.002 < speeds.std() < 0.016
-    assert abs(speeds).max() < fw.SPEED_RIPPLE + 5 * fw.SPEED_SCATTER
+    assert abs(speeds).max() < mechanism.SPEED_RIPPLE + 5 * mechanism.SPEED_SCATTER
 
 
 def test_a_fast_stroke_takes_as_long_as_its_run_up_and_level_stroke() -> None:
@@ -336,7 +336,7 @@ def test_a_fast_stroke_takes_as_long_as_its_run_up_and_level_stroke() -> None:
     hand.bring("ARMED")
     hand.device.receive(b"047p")
     v = paper_law(47)
-    takes = 2 * RUN_UP_M / v + (fw.BALL_DISTANCE_M - RUN_UP_M) / v
+    takes = 2 * RUN_UP_M / v + (mechanism.BALL_DISTANCE_M - RUN_UP_M) / v
     hand.wait(takes * 0.98)
     assert hand.hits == []
     hand.wait(takes * 0.04)

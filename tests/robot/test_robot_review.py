@@ -12,8 +12,8 @@ import pytest
 
 import robot.learning.loop
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
-from models.mjcf.snooker import SNOOKER_BALL
 from models.recording.story import LiveStory
+from models.table.snooker import SNOOKER_BALL
 from planner.launcher.cueing_map import write_map
 from robot.cli.verbs import main
 from robot.cueing.campaign import CueShot, run_campaign

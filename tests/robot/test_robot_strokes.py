@@ -16,9 +16,9 @@ import pytest
 
 from models.analytic.cue_impulse import Constants, Geometry, ball_speed_and_squirt
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from models.model_file import full_model, write_model
 from models.shot import Ball, Table
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, spots
 from planner.launcher.cueing_map import read_map
 from robot.cueing.campaign import read_campaign, run_campaign
 from robot.device.settings import Settings, write_settings

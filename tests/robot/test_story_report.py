@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from models.recording.story import STORY_CURVES, SeriesRecording, SeriesShot, write_story
+from models.recording.series import STORY_CURVES, SeriesRecording, SeriesShot
+from models.recording.story import write_story
 from robot.learning.blocks import blocks, changes, ends
 from robot.learning.history import History, Refit
 from robot.learning.report import recording_of, sentences, write_picture, write_recording, write_report

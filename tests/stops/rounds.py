@@ -20,8 +20,9 @@ import numpy as np
 from models.mjcf.stroke import BRAKING_DECELERATION
 from robot.device.protocol import GUARDED_STATES
 from robot.emulator.faults import REPLY_FAULTS, REQUEST_FAULTS, FaultInjection
-from robot.emulator.firmware import ExecutedAction, Firmware
+from robot.emulator.firmware import Firmware
 from robot.emulator.launcher import Emulator, Pace
+from robot.emulator.mechanism import ExecutedAction
 from robot.emulator.stroke_motion import paper_law
 
 ROOT = Path(__file__).parents[2]

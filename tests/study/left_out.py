@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.commands.console import table, write_json
-from models.model_file import Model, catalogue, full_model
+from models.effect_catalogue import catalogue
+from models.model_file import Model, full_model
 from models.shot import Shot
 from models.simulation.simulate import simulate
 from sysid.clips import read_clip_set

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from models.commands.console import write_json
-from models.model_file import catalogue
+from models.effect_catalogue import catalogue
 from tests.study import __main__ as command
 from tests.study import run
 from tests.study.judge import BASE, EFFECT_TRUTH, RIGHT, Row

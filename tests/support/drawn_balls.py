@@ -17,7 +17,8 @@ from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Footage, Picture, open_footage
+from sysid.vision.frames import Footage, open_footage
+from sysid.vision.sources.pictures import Picture
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film
 from tests.footage.motion import Cue, Motion

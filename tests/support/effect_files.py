@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from models.contract.checks import faults
-from models.model_file import add_folder, effect_class
+from models.effect_catalogue import add_folder, effect_class
 
 
 def file_faults(path: Path) -> list[str]:

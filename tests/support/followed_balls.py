@@ -14,7 +14,8 @@ from models.simulation.simulate import simulate
 from sysid.vision.balls.detect import Detection
 from sysid.vision.balls.discs import Expected, Shutter
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Frame, Picture
+from sysid.vision.frames import Frame
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.following.follow import Follower
 from sysid.vision.tracks.track import Tracked, tracked
 from tests.footage.cameras import overhead

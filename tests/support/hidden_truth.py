@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from models.sizes import BALL_DIAMETER, TABLE_LENGTH, TABLE_WIDTH
+from models.table.sizes import BALL_DIAMETER, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import Clip, ClipSet, read_clip_set
 from sysid.estimation import ClipFit
 from tests.bench.accuracy import CONSTANTS

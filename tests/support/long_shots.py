@@ -8,9 +8,9 @@ import math
 import numpy as np
 
 from models.model_file import Model, full_model
-from models.presets import TABLE_SETS
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
+from models.table.presets import TABLE_SETS
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, residual

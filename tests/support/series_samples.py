@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from models.analytic.cue_impulse import Constants, Geometry
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from models.model_file import full_model
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from planner.launcher.cueing_map import CueingMap
 from planner.launcher.execution import Execution
 from planner.scene import Goal, Scene

@@ -19,11 +19,12 @@ from sysid.cli.clips.tables import TableOptions
 from sysid.cli.common import camera_option
 
 if TYPE_CHECKING:
-    from models.presets import TableSet
+    from models.table.presets import TableSet
     from sysid.clips.clip_set import ClipSet
     from sysid.clips.header import Header
-    from sysid.foreign.convert import Imported, ShotFile, Stated
+    from sysid.foreign.convert import Imported, ShotFile
     from sysid.foreign.pixels import Pixels
+    from sysid.foreign.stated import Stated
     from sysid.vision import Camera
 
 Y_HELP = "up: right-handed, seen from above (pixels: counted from the last row); down: as in pictures."
@@ -55,7 +56,7 @@ class ReadingOptions:
 
     def stated(self, nominal_fps: float | None) -> Stated:
         """These options for the conversion, with the frame rate that a clip set states."""
-        from sysid.foreign.convert import Stated
+        from sysid.foreign.stated import Stated
 
         return Stated(
             self.unit, None if self.origin is None else self.origin == "corner",
@@ -203,8 +204,8 @@ def _shots(files: tuple[Path, ...]) -> tuple[list[Path], list[ShotFile], Header 
 
 def _table(sizes: TableOptions, camera: Camera | None, header: Header | None) -> tuple[TableSet, Pixels | None]:
     """Table and balls from the options, the camera or the clip set; and the map from pixels to positions."""
-    from models.presets import TableSet
     from models.shot import Ball
+    from models.table.presets import TableSet
     from sysid.foreign.pixels import Pixels
 
     if sizes.table_name is None and camera is None and header is not None and header.table and header.ball:

@@ -23,7 +23,7 @@ def init(folder: Path, sizes: TableOptions) -> int:
 
     Example: sysid init CLIPS --table "pool 8 ft"
     """
-    from models.presets import TABLE_SETS
+    from models.table.presets import TABLE_SETS
     from sysid.clips.template import EXAMPLE_FILE, write_template
 
     known = sizes.table_set()

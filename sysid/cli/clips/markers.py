@@ -25,7 +25,7 @@ def markers(table_name: str, out: Path) -> int:
 
     Example: sysid markers --table snooker --out markers.pdf
     """
-    from models.presets import TableSet, find_table
+    from models.table.presets import TableSet, find_table
     from sysid.vision import write_markers
 
     if out.suffix.lower() != PDF_SUFFIX:

@@ -13,8 +13,8 @@ from models.errors import BadInput
 from sysid.cli.common import mass_option
 
 if TYPE_CHECKING:
-    from models.presets import TableSet
     from models.shot import Table
+    from models.table.presets import TableSet
 
 TABLE_HELP = 'Table by name (snooker, "pool 8 ft" or 8ft, carom, ...) or size, nose to nose [m].'
 diameter_option = click.option(
@@ -41,8 +41,8 @@ class TableOptions:
 
 def table_set(name: str, diameter: float | None, mass: float | None, no_pockets: bool) -> TableSet:
     """A table by name or size, with its own balls or the given ones: see `usual_mass`."""
-    from models.presets import TableSet, find_table, usual_mass
     from models.shot import Ball
+    from models.table.presets import TableSet, find_table, usual_mass
 
     try:
         found = find_table(name)

@@ -185,7 +185,7 @@ def _to_paste(text: str, out: Path) -> str:
 
 def _fingerprint(clip_set: ClipSet, model: Model) -> str:
     """Digest of everything that the fits depend on: clips, start model, catalogue, sources."""
-    from models.model_file import catalogue, own_texts
+    from models.effect_catalogue import catalogue, own_texts
 
     digest = hashlib.sha256()
     root = Path(__file__).resolve().parents[3]

@@ -2,8 +2,7 @@
 
 In: a `ClipSet`. Out: `Contradiction`s: certain faults, or warnings.
 
-    diameter    a resting ball that is struck moves off when the other's centre is a diameter away: where that one is,
-                extrapolated to the moment at which this one began to move, gives the distance
+    diameter    sysid/clips/consistency/contact_distance.py: how far apart centres are when balls meet
     cushions    lines through the samples before and after a rebound meet where the ball's centre turned
     scale       all these are off by one factor
     commands    sysid/clips/consistency/aims.py: azimuth and speed of the struck ball
@@ -19,20 +18,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from models.pocket_shape import PocketShapes
-from models.presets import TABLE_SETS
 from models.shot import NOSE_COSINE, Array, Ball, Table
-from sysid.clips.clip_set import Clip, ClipSet, Observation
+from models.table.pocket_shape import PocketShapes
+from models.table.presets import TABLE_SETS
+from sysid.clips.clip_set import Clip, ClipSet
 from sysid.clips.consistency.aims import azimuths, speeds_of_cue
+from sysid.clips.consistency.contact_distance import ALONE_M, MAX_BENT_M, SLIDE_M_S2, contact_distance, distance_at
 from sysid.clips.consistency.contradiction import ALL_CLIPS, Contradiction, Typical, typical
 from sysid.clips.consistency.marks import marks
-from sysid.clips.consistency.strike import REST_M, struck_fault
+from sysid.clips.consistency.strike import struck_fault
 from sysid.clips.consistency.tempo import frame_rate, rolling, speeds
 from sysid.clips.names import CLIPS_TOML
 
-MIN_IMPACTS = 2  # fewer impacts are not judged
 MIN_CERTAIN_REBOUNDS = 2
-IMPACT_ERROR = 0.02  # least error of the distance at one impact, over the diameter: a few may agree by chance
 REBOUND_ERROR = 0.003  # least error of the position of one rebound, over half the table
 SOUND_DIAMETER, CERTAIN_DIAMETER = 0.04, 0.06  # relative departures: no fault up to here, and a certain fault
 SOUND_TABLE, CERTAIN_TABLE = 0.025, 0.06  # relative departures of half the table; a lens moves a cushion by 2 %
@@ -40,15 +38,6 @@ SAME_SIZE = 0.015  # relative difference up to which table and balls count as th
 SAME_FACTOR = 0.04  # largest spread of the factors by which diameter and cushions are off, for one common cause
 REBOUND_BIAS_M = 0.004  # bias of the cushions' distance: lines through samples cut the corner of a rebound by some mm
 NOTED_ERRORS = 2.0  # standard errors for a warning; REBOUND_ERROR makes them large
-BEGINNING_S = 0.03  # duration of a track's beginning, whose median is the ball's resting place
-ALONE_M = 0.15  # smallest distance of other balls from an impact of two balls
-SLIDE_M_S2 = 2.0  # deceleration of a ball just after it was struck, 0.2 g
-BEGIN_ROUNDS = 5  # iterations for the moment at which a ball began to move
-STRUCK_SAMPLES, STRIKING_SAMPLES = 5, 7  # after and before an impact
-MAX_BEGIN_S = 0.1  # from the moment at which a struck ball begins to move to its next sample
-MIN_STRIKING_M = 0.01  # least distance that the other ball moves in those samples
-MIN_STRUCK_SPEED = 0.15  # least speed of a ball that was struck [m/s]
-MAX_BENT_M = 0.003  # largest residual of the parabola before an impact of balls, and of the lines at a rebound
 REBOUND_SAMPLES = 4  # samples used before and after a rebound
 MIN_TURN_RATIO = 2.0  # change of velocity over what the cloth can cause: a drawn ball turns back as well
 POCKET_M = 0.15  # distance from a pocket within which jaws may deflect a ball
@@ -81,12 +70,6 @@ def _first_of(one: Contradiction | None, other: Contradiction | None) -> Contrad
     return other if one is None or (other is not None and certainty(other) > certainty(one)) else one
 
 
-def contact_distance(clip_set: ClipSet) -> Typical:
-    """Distance between centres at impacts with a resting ball [m]."""
-    found = [d for clip in clip_set.clips for d in _distances(clip)]
-    return typical(found, MIN_IMPACTS, IMPACT_ERROR * clip_set.ball.diameter)
-
-
 def _diameter(clip_set: ClipSet) -> Contradiction | None:
     stated, seen = clip_set.ball.diameter, contact_distance(clip_set)
     if not seen.departs(stated, SOUND_DIAMETER * stated):
@@ -96,63 +79,6 @@ def _diameter(clip_set: ClipSet) -> Contradiction | None:
         f"({seen.count} impacts): correct the diameter, or the scale of the tracks"
     )
     return Contradiction(CLIPS_TOML, text, seen.departs(stated, CERTAIN_DIAMETER * stated))
-
-
-def _distances(clip: Clip) -> Iterator[float]:
-    for name, struck in clip.balls.items():
-        begins = struck.time <= struck.time[0] + BEGINNING_S
-        moved = np.flatnonzero(np.hypot(*(struck.xy - np.median(struck.xy[begins], axis=0)).T) > REST_M)
-        first = int(moved[0]) if len(moved) else 0
-        if name in clip.first or first < 1 or len(struck.time) < first + STRUCK_SAMPLES:
-            continue
-        place, part = np.median(struck.xy[: max(first - 1, 1)], axis=0), slice(first, first + STRUCK_SAMPLES)
-        begin = float(struck.time[first])
-        near = [other for other in clip.balls if other != name and _gap(clip.balls[other], place, begin) < ALONE_M]
-        when = _began(struck.time[part], struck.xy[part] - place) if len(near) == 1 else None
-        if when is None or not begin - MAX_BEGIN_S < when < begin:
-            continue
-        striking = _position(clip.balls[near[0]], when)
-        if striking is not None:
-            yield float(np.hypot(*(striking - place)))
-
-
-def _gap(seen: Observation, place: Array, time: float) -> float:
-    """Distance of a ball from a place at about a given time [m]."""
-    after = int(np.searchsorted(seen.time, time))
-    near = range(max(after - 1, 0), min(after + 1, len(seen.time)))
-    k = min(near, key=lambda one: abs(seen.time[one] - time))
-    return float(np.hypot(*(seen.xy[k] - place)))
-
-
-def _began(time: Array, off: Array) -> float | None:
-    """When a ball that slides, then rolls, began to move, from its first samples relative to its place [s]."""
-    far = float(np.hypot(*off[-1]))
-    if far < REST_M:
-        return None
-    along = off @ (off[-1] / far)
-    when, speed = float(time[0]), 1.0
-    for _ in range(BEGIN_ROUNDS):
-        sliding = np.minimum(time - when, 2 * speed / (7 * SLIDE_M_S2))
-        lost = SLIDE_M_S2 * sliding * (time - when - sliding / 2)
-        speed, start = np.polyfit(time - time[0], along + lost, 1)
-        if speed < MIN_STRUCK_SPEED:
-            return None
-        when = float(time[0] - start / speed)
-    return when
-
-
-def _position(seen: Observation, when: float) -> Array | None:
-    """Position of a ball at a time, extrapolated from smooth motion [m]; None if it was unseen or not smooth."""
-    end = int(np.searchsorted(seen.time, when))
-    part = slice(max(end - STRIKING_SAMPLES, 0), end)
-    time, xy = seen.time[part] - when, seen.xy[part]
-    if len(time) < STRIKING_SAMPLES or -time[-1] > 2 * float(np.median(np.diff(time))):
-        return None
-    if float(np.hypot(*(xy[-1] - xy[0]))) < MIN_STRIKING_M:
-        return None
-    fit = np.polyfit(time, xy, 2)
-    bent = xy - np.vander(time, 3) @ fit
-    return np.asarray(fit[-1]) if float(np.sqrt(np.mean(bent**2))) < MAX_BENT_M else None
 
 
 def rebounds(clip_set: ClipSet) -> dict[str, Typical]:
@@ -204,7 +130,7 @@ def _turns(clip: Clip, name: str, out: Array, least: float) -> Iterator[tuple[fl
     turns &= (clocks[0][:, -1] <= met) & (met <= clocks[1][:, 0])
     for j in np.flatnonzero(turns).tolist():
         k = int(peaks[j])
-        if all(_gap(seen, xy[k], float(time[k])) > ALONE_M for o, seen in clip.balls.items() if o != name):
+        if all(distance_at(seen, xy[k], float(time[k])) > ALONE_M for o, seen in clip.balls.items() if o != name):
             yield float(there[j] + towards[j] * met[j]), xy[k]
 
 

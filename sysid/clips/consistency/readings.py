@@ -19,8 +19,9 @@ import numpy as np
 from models.shot import Array, Ball, Table
 from sysid.clips.clip_set import Clip, ClipSet, Observation
 from sysid.clips.consistency.aims import FITTING_TURN, aims, off_aim
+from sysid.clips.consistency.contact_distance import contact_distance
 from sysid.clips.consistency.contradiction import is_sound
-from sysid.clips.consistency.contradictions import CERTAIN_DIAMETER, contact_distance, turns_in_the_open
+from sysid.clips.consistency.contradictions import CERTAIN_DIAMETER, turns_in_the_open
 from sysid.clips.plausibility import MAX_BEYOND_NOSE_M, POCKET_REACH
 
 METRES_BY_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}

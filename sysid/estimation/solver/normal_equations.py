@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, compiled_sums
-from models.engine.play import over_threads
+from models.workers.threads import over_threads
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import ball_colour
 from models.report.numbers import millimetres
 from models.shot import Track
+from models.table.palette import ball_colour
 from sysid.clips import Clip, Observation
 from sysid.residuals.compare import MOVED_M
 from sysid.residuals.comparison import Comparison

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.palette import ball_colour, ink
 from models.report.axes import circle, draw_table, rgb
 from models.report.figure import FIGURE_WIDTH_IN, PATH_COLOUR, Draw, png
 from models.shot import Ball, Table, Track
+from models.table.palette import ball_colour, ink
 from sysid.clips import Clip, ClipSet
 
 Array = NDArray[np.float64]

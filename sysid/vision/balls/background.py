@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from models.shot import NOSE_HEIGHT
 from sysid.vision.balls.circle_votes import CoarseGrid, coarse_grid
 from sysid.vision.balls.view_geometry import NODE_SPACING_PX, Array, Image, Mask, ViewGeometry
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 BED_COLOUR_DEGREE = 4  # of the polynomial that is the colour of the bed
 MENDED_RADII = 1.35  # about the centre of a resting ball that are painted over

@@ -1,16 +1,20 @@
-"""Where balls may be in a picture: centres of circles, and blobs that motion has drawn out.
+"""Where balls may be in a picture: centres of circles, blobs that motion has drawn out, and discs that cover the table.
 
-In: a picture beside the background. Out: pixels from which the fit of outlines begins (outline_fit.py).
+In: a picture beside the background. Out: pixels from which the fits of outlines (outline_fit.py) and discs (discs.py)
+begin.
 """
 
 from __future__ import annotations
+
+import math
 
 import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View, is_foreground
 from sysid.vision.balls.circle_votes import circle_votes
-from sysid.vision.balls.view_geometry import Array
+from sysid.vision.balls.cover import covered
+from sysid.vision.balls.view_geometry import Array, Image
 
 MIN_VOTE_FRACTION = 0.2  # of the votes for a clean outline, that makes a candidate
 MAX_CANDIDATES = 48  # in a picture
@@ -20,6 +24,10 @@ MIN_SMEAR_RADII = 0.15  # shorter motion during the exposure is none
 MAX_SMEAR_RADII = 3.0  # longer motion is no ball's
 MAX_VARIANCE_MISMATCH = 0.25  # relative, between the variances of a blob and those of a stadium
 MAX_RATIO_MISMATCH = 0.2  # relative, between the ratios of these variances
+CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
+RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
+MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
+MAX_PEAKS = {"one": 6, "any": 40}  # in a picture, of one colour and of any
 
 
 def motion_blurred(view: View, pixel: Array) -> tuple[Array, Array, bool] | None:
@@ -85,3 +93,38 @@ def candidates(view: View, centre: Array | None = None, radius: float = 0.0) -> 
         cell_xy = np.array([b + i0 + (patch * u).sum() / patch.sum(), a + j0 + (patch * v).sum() / patch.sum()])
         found.append(corner + cell * (cell_xy + 0.5) - 0.5)
     return found
+
+
+def _kernel(radius: float) -> Image:
+    """A disc of weight 1 less the ring around it."""
+    outer = radius * (1 + RING_WIDTH_RADII)
+    n = math.ceil(outer)
+    y, x = np.mgrid[-n : n + 1, -n : n + 1]
+    distance = np.hypot(x, y)
+    disc = np.clip(radius - distance + 0.5, 0, 1)
+    ring = np.clip(outer - distance + 0.5, 0, 1) - np.clip(radius - distance + 1.5, 0, 1)
+    return np.asarray(disc / disc.sum() - np.maximum(ring, 0) / np.maximum(ring, 0).sum(), np.float32)
+
+
+def peaks(view: View, colour: Array | None, centre: Array | None = None, within: float = math.inf) -> list[Array]:
+    """Pixels (2,) where a disc of this colour may be, best first: anywhere, or `within` so many of a pixel (2,)."""
+    x0, x1, y0, y1 = view.geometry.box
+    if centre is not None:
+        x0, y0 = (int(max(low, c - within)) for low, c in zip((x0, y0), centre, strict=True))
+        x1, y1 = (int(min(high, c + within)) for high, c in zip((x1, y1), centre, strict=True))
+    middle = np.array([x0 + x1, y0 + y1]) / 2
+    cell = max(1, int(view.geometry.radius(middle) / CELLS_PER_RADIUS))
+    size = columns, rows = (x1 - x0) // cell, (y1 - y0) // cell
+    if min(size) < 2:
+        return []
+    part = slice(y0, y0 + rows * cell), slice(x0, x0 + columns * cell)
+    small = cv2.resize(view.picture[part], size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    table = cv2.resize(view.table[part], size, interpolation=cv2.INTER_AREA) * view.gain.astype(np.float32)
+    found = np.maximum(covered(small, table, colour), 0.0)
+    kernel = _kernel(view.geometry.radius(middle) / cell)
+    score = cv2.filter2D(found, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
+    is_peak = (score == cv2.dilate(score, np.ones((5, 5), np.uint8))) & (score > MIN_PEAK)
+    down, across = np.nonzero(is_peak)
+    order = np.argsort(-score[down, across], kind="stable")[: MAX_PEAKS["any" if colour is None else "one"]]
+    corner = np.array([x0, y0])
+    return [corner + cell * (np.array([across[k], down[k]]) + 0.5) - 0.5 for k in order]

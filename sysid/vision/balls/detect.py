@@ -41,7 +41,7 @@ from sysid.vision.balls.outline_fit import (
 from sysid.vision.balls.packs import disc_at, searched
 from sysid.vision.balls.view_geometry import Array
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 MAX_OFFSET_PX = 2.5  # from the expected centre, within which a detection is accepted at once
 SEARCH_RADII = (2.5, 6.0)  # of the windows searched otherwise

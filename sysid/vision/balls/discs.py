@@ -12,17 +12,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from sysid.vision.balls.background import View
-from sysid.vision.balls.candidates import motion_blurred
+from sysid.vision.balls.candidates import motion_blurred, peaks
 from sysid.vision.balls.colours.palette import colour_distance
 from sysid.vision.balls.cover import (
     DiscFit,
     acceptable,
     cover_sd,
-    covered,
     fit_disc,
     is_white,
     swept_share,
@@ -31,12 +29,8 @@ from sysid.vision.balls.cover import (
 from sysid.vision.balls.intruders import is_part
 from sysid.vision.balls.packs import Searched, apart, disc_at, searched, together, with_packs
 from sysid.vision.balls.sweeps import strips
-from sysid.vision.balls.view_geometry import Array, Image
+from sysid.vision.balls.view_geometry import Array
 
-CELLS_PER_RADIUS = 4.0  # of the coarse picture in which balls are sought
-RING_WIDTH_RADII = 0.45  # about a disc, with which its cover is compared
-MIN_PEAK = 0.22  # cover of a disc less that of its ring; a ball swept by three radii still has a third
-MAX_PEAKS = {"one": 6, "any": 40}  # in a picture, of one colour and of any
 CLEAR_RESIDUAL = 0.2  # of a motion that needs no other to be tried
 SWEEP_RATIO = 1.15  # of misfits, by which a ball that stands still must explain a picture better than a moving one
 LEAST_SWEEP_RADII = 0.1  # of a motion, below which a disc is not swept
@@ -109,41 +103,6 @@ class Shutter:
         fractions = TRIED_EXPOSURES if fraction is None else (fraction,)
         gains = TRIED_GAINS if gain is None else (gain,)
         return [(part, more) for part in fractions for more in gains]
-
-
-def _kernel(radius: float) -> Image:
-    """A disc of weight 1 less the ring around it."""
-    outer = radius * (1 + RING_WIDTH_RADII)
-    n = math.ceil(outer)
-    y, x = np.mgrid[-n : n + 1, -n : n + 1]
-    distance = np.hypot(x, y)
-    disc = np.clip(radius - distance + 0.5, 0, 1)
-    ring = np.clip(outer - distance + 0.5, 0, 1) - np.clip(radius - distance + 1.5, 0, 1)
-    return np.asarray(disc / disc.sum() - np.maximum(ring, 0) / np.maximum(ring, 0).sum(), np.float32)
-
-
-def peaks(view: View, colour: Array | None, centre: Array | None = None, within: float = math.inf) -> list[Array]:
-    """Pixels (2,) where a disc of this colour may be, best first: anywhere, or `within` so many of a pixel (2,)."""
-    x0, x1, y0, y1 = view.geometry.box
-    if centre is not None:
-        x0, y0 = (int(max(low, c - within)) for low, c in zip((x0, y0), centre, strict=True))
-        x1, y1 = (int(min(high, c + within)) for high, c in zip((x1, y1), centre, strict=True))
-    middle = np.array([x0 + x1, y0 + y1]) / 2
-    cell = max(1, int(view.geometry.radius(middle) / CELLS_PER_RADIUS))
-    size = columns, rows = (x1 - x0) // cell, (y1 - y0) // cell
-    if min(size) < 2:
-        return []
-    part = slice(y0, y0 + rows * cell), slice(x0, x0 + columns * cell)
-    small = cv2.resize(view.picture[part], size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    table = cv2.resize(view.table[part], size, interpolation=cv2.INTER_AREA) * view.gain.astype(np.float32)
-    found = np.maximum(covered(small, table, colour), 0.0)
-    kernel = _kernel(view.geometry.radius(middle) / cell)
-    score = cv2.filter2D(found, cv2.CV_32F, kernel, borderType=cv2.BORDER_REPLICATE)
-    is_peak = (score == cv2.dilate(score, np.ones((5, 5), np.uint8))) & (score > MIN_PEAK)
-    down, across = np.nonzero(is_peak)
-    order = np.argsort(-score[down, across], kind="stable")[: MAX_PEAKS["any" if colour is None else "one"]]
-    corner = np.array([x0, y0])
-    return [corner + cell * (np.array([across[k], down[k]]) + 0.5) - 0.5 for k in order]
 
 
 def new_discs(

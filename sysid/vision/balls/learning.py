@@ -22,30 +22,23 @@ from sysid.vision.balls.detect import Detector, outline_colour
 from sysid.vision.balls.discs import MIN_BED_CONTRAST, core_colour, is_disc, new_discs
 from sysid.vision.balls.edges import MIN_OUTLINE_RADIUS_PX, Optics
 from sysid.vision.balls.intruders import intruding, is_part
-from sysid.vision.balls.outline_fit import (
-    OutlineFit,
-    balls,
-    fit_outlines,
-)
+from sysid.vision.balls.outline_fit import OPTICS_OUTLINES, OutlineFit, balls, learn_optics
 from sysid.vision.balls.resting import resting_balls
 from sysid.vision.balls.view_geometry import Array, view_geometry
 from sysid.vision.camera.camera_motion import standing
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Footage, Picture
+from sysid.vision.frames import Footage
+from sysid.vision.sources.pictures import Picture
 
 LEARNING_FRAMES = 30  # spread over the footage
 MIN_FRAME_FRACTION = 0.1  # of these, that show a ball
 CLEAREST, MAX_CLEAREST_RESIDUAL = 0.2, 0.22  # part of the discs of a colour, whose cover a ball explains so well
 CLIPPED_FACTOR = 1.4  # by which the true brightness of a clipped channel may exceed what it shows
 MIN_DISC_FRACTION = 0.3  # of the frames in which outlines have its colour, that show a disc of that colour, too
-OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
-TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
-BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to distinguish the blurs
 # Before learning. Colour is often stored at half the resolution; a blur set too small for it would bias outlines.
 INITIAL_EDGE_NOISE = (4.0, 6.0)  # in brightness and in colour [grey levels]
 INITIAL_BLUR_PX = (0.85, 1.0)
 INITIAL_SIZE_ERROR = 0.05  # of the radius, relative
-MIN_EDGE_NOISE_GREY = 1.0
 ROUGH_EDGE_RATIO = 4.0  # of edge noise to that of the pictures, from which on balls are measured by what they cover
 MIN_HELD_FRACTION = 0.8  # of the balls that are seen as outlines, once the edges' noise is known, for these to be used
 MAX_UNSTEADY_PX = 0.08  # of balls at rest by their outlines, from which on discs are tried, and taken if they are
@@ -96,7 +89,7 @@ def learn_detector(
     small = geometry.radius(np.array(camera.size) / 2) < MIN_OUTLINE_RADIUS_PX
     if small:
         found = [(k, fit) for k, fit in found if is_disc(views[k], fit.xy, patterned=palette.patterned)] or found
-    optics = _optics([(views[k], fit) for k, fit in found], optics)
+    optics = learn_optics([(views[k], fit) for k, fit in found], optics)
     lights = np.array([view.gain.mean() for view in views])
     if palette.patterned and are_patterned(
         [face(background, view, one.xy, one.radius) for view in views[::3] for one in new_discs(view, None)]
@@ -278,34 +271,3 @@ def _warnings(detector: Detector, found: Sequence[OutlineFit], resting: int, lig
             f"the centres of {len(poor)} of {len(found)} outlines are uncertain by {np.median(poor):.2f} pixels"
         )
     return notes
-
-
-def _optics(found: Sequence[tuple[View, OutlineFit]], optics: Optics) -> Optics:
-    """Blurs and edge noise of lens and sensor, from the clearest outlines: the blurs with the least residual."""
-    clean = sorted((f for f in found if np.isfinite(f[1].misfit)), key=lambda f: -f[1].quality)[:OPTICS_OUTLINES]
-
-    def fitted(tried: Optics) -> list[tuple[View, OutlineFit]]:
-        each = [(view, [fit.xy for v, fit in clean if v is view]) for view in {id(v): v for v, _ in clean}.values()]
-        return [(view, fit) for view, at in each for fit in fit_outlines(view, tried, at) if fit is not None]
-
-    def median_of(tried: Optics, of: Callable[[OutlineFit], float]) -> float:
-        fits = fitted(tried)
-        return float(np.median([of(fit) for _, fit in fits])) if 2 * len(fits) > len(clean) else np.inf
-
-    if not clean:
-        return replace(optics, size_sd=Optics.size_sd)
-    # If the blur of colour is set too small, its edges seem to lie farther out. Along short normals every blur fits.
-    pairs = []
-    for light in TRIED_BLURS_PX:
-        softer = [replace(optics, blur=(light, tint)) for tint in TRIED_BLURS_PX if tint >= light]
-        pairs.append(min(softer, key=lambda tried: abs(median_of(tried, lambda fit: fit.between))))
-    best = min(
-        pairs, key=lambda tried: median_of(replace(tried, sample_spacing=BLUR_TEST_SPACING), lambda fit: fit.misfit)
-    )
-    optics = replace(optics, blur=best.blur)
-    for size_sd in (optics.size_sd, optics.size_sd, Optics.size_sd):
-        clean = fitted(optics) or clean
-        edge_noise = np.maximum(np.median([fit.edge_noise for _, fit in clean], axis=0), MIN_EDGE_NOISE_GREY)
-        size = float(np.median([fit.size for _, fit in clean]))
-        optics = replace(optics, edge_noise=(float(edge_noise[0]), float(edge_noise[1])), size=size, size_sd=size_sd)
-    return optics

@@ -1,16 +1,18 @@
 """Outlines of balls fitted to a picture: centre, radius and how well they are known, to a fraction of a pixel.
 
-In: a picture beside the background, and initial centres. Out: `OutlineFit`. Along every normal to the outline that the
-camera expects, the picture is the colour of the ball inside and that of the empty table outside, darkened at will; the
-edge between them is a linear least squares problem (edges.py). The outline is shifted as a whole to where most normals
-agree. Normals that end on something else than the table (another ball, the cue, a hand) do not count. Moving balls are
-also fitted with the blur of their motion.
+In: a picture beside the background, and initial centres. Out: `OutlineFit`; from the clearest of many, the blurs and
+the edge noise of lens and sensor (`Optics`).
+
+Along every normal to the outline that the camera expects, the picture is the colour of the ball inside and that of the
+empty table outside, darkened at will; the edge between them is a linear least squares problem (edges.py). The outline
+is shifted as a whole to where most normals agree. Normals that end on something else than the table (another ball, the
+cue, a hand) do not count. Moving balls are also fitted with the blur of their motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +50,10 @@ LOOSE_SCATTER_PX = 0.22  # from which on a ball may be moving
 SMEAR_FRACTIONS = (0.75, 0.9, 1.1)  # of the motion that a blob shows, that are tried
 MIN_QUALITY_RATIO = 1.1  # of a fit that replaces another
 MIN_BLOB_SMEAR_RADII = 0.35  # motion from which on the centroid of the blob may be better than an outline
+OPTICS_OUTLINES = 16  # the clearest ones, from which the optics are learnt
+TRIED_BLURS_PX = (0.6, 0.72, 0.85, 1.0, 1.25, 1.6, 2.0, 2.6)  # of edges
+BLUR_TEST_SPACING = 1.5  # of samples along normals, long enough to distinguish the blurs
+MIN_EDGE_NOISE_GREY = 1.0
 BLOB_SD = (0.1, 0.02)  # standard deviation of that centroid [pixels], and its growth with the motion
 
 
@@ -196,3 +202,34 @@ def balls(view: View, optics: Optics, coverage: float = MIN_COVERAGE) -> list[Ou
         if all(np.hypot(*(fit.xy - k.xy)) > MIN_SEPARATION_RADII * k.radius for k in kept):
             kept.append(fit)
     return kept
+
+
+def learn_optics(found: Sequence[tuple[View, OutlineFit]], optics: Optics) -> Optics:
+    """Blurs and edge noise of lens and sensor, from the clearest outlines: the blurs with the least residual."""
+    clean = sorted((f for f in found if np.isfinite(f[1].misfit)), key=lambda f: -f[1].quality)[:OPTICS_OUTLINES]
+
+    def fitted(tried: Optics) -> list[tuple[View, OutlineFit]]:
+        each = [(view, [fit.xy for v, fit in clean if v is view]) for view in {id(v): v for v, _ in clean}.values()]
+        return [(view, fit) for view, at in each for fit in fit_outlines(view, tried, at) if fit is not None]
+
+    def median_of(tried: Optics, of: Callable[[OutlineFit], float]) -> float:
+        fits = fitted(tried)
+        return float(np.median([of(fit) for _, fit in fits])) if 2 * len(fits) > len(clean) else np.inf
+
+    if not clean:
+        return replace(optics, size_sd=Optics.size_sd)
+    # If the blur of colour is set too small, its edges seem to lie farther out. Along short normals every blur fits.
+    pairs = []
+    for light in TRIED_BLURS_PX:
+        softer = [replace(optics, blur=(light, tint)) for tint in TRIED_BLURS_PX if tint >= light]
+        pairs.append(min(softer, key=lambda tried: abs(median_of(tried, lambda fit: fit.between))))
+    best = min(
+        pairs, key=lambda tried: median_of(replace(tried, sample_spacing=BLUR_TEST_SPACING), lambda fit: fit.misfit)
+    )
+    optics = replace(optics, blur=best.blur)
+    for size_sd in (optics.size_sd, optics.size_sd, Optics.size_sd):
+        clean = fitted(optics) or clean
+        edge_noise = np.maximum(np.median([fit.edge_noise for _, fit in clean], axis=0), MIN_EDGE_NOISE_GREY)
+        size = float(np.median([fit.size for _, fit in clean]))
+        optics = replace(optics, edge_noise=(float(edge_noise[0]), float(edge_noise[1])), size=size, size_sd=size_sd)
+    return optics

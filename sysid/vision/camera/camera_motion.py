@@ -19,7 +19,8 @@ from models.errors import BadInput
 from models.shot import NOSE_HEIGHT
 from sysid.vision.camera.pose import fit_camera
 from sysid.vision.camera.projection import SIDE_PROFILES, Array, Camera
-from sysid.vision.frames import Frame, Picture
+from sysid.vision.frames import Frame
+from sysid.vision.sources.pictures import Picture
 
 # Places between diamonds, which are at eighths, and away from pockets; in lengths of a side.
 PLACE_SHARES = np.array([5, 7, 9, 11, 13, 19, 21, 23, 25, 27]) / 32

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 Image = NDArray[np.float32]
 

@@ -29,7 +29,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from models.errors import BadInput
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import CUE_WIDTHS_M, SECTION_LENGTH_M, CueAxis, Image, fit_axis, plane_pixels, sample_colours
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 SEARCH_LENGTH_M, EDGE_LENGTH_M = 0.8, 1.2  # behind the ball: where a cue is searched, where its edges are measured
 LANE_OFFSET_M = 0.014  # from a cue's axis to the cloth beside it, with which it is compared

@@ -18,7 +18,7 @@ from models.messages import counted
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import CueAxis, align_axis, candidate_axes, plane_pixels
 from sysid.vision.cue.tip import tip_distances
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 REPORTED_ELEVATION_RAD = math.radians(5.0)  # whose effect on direction and speed is noted
 SPEED_WINDOW_S = 0.15  # before contact, from which the speed is taken

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.vision.camera.projection import Array, Camera
 from sysid.vision.cue.axis import EDGE_LENGTH_M, MIN_CONTRAST_GREY, CueAxis, plane_pixels, sample_colours
 from sysid.vision.cue.line import SAMPLES_PER_PIXEL
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 FRONT_SAMPLES = 4 * SAMPLES_PER_PIXEL  # before the tip, and
 TIP_SAMPLES = 9 * SAMPLES_PER_PIXEL  # of the tip, that are compared

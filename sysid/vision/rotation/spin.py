@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -27,29 +27,29 @@ from sysid.vision.camera.projection import Array
 from sysid.vision.rotation.geometry import (
     rotation_matrix,
     rotation_vector,
-    same_winding,
     smallest_angle,
     symmetric_axes,
-    tangents,
 )
-from sysid.vision.rotation.marks import MARK_ERROR_RAD, Marks, choose_marks
+from sysid.vision.rotation.marks import Marks, choose_marks
 from sysid.vision.rotation.spots import Spots
+from sysid.vision.rotation.turn_fit import (
+    GATE_RAD,
+    GUESS_SD_RAD,
+    INNER_COSINE,
+    MAX_ANGLE_SD_RAD,
+    MISSED_COST,
+    MarkedState,
+    angle_sd,
+    fit_turn,
+)
 from sysid.vision.rotation.turned import Turning
 
-MAX_ANGLE_SD_RAD = 0.2  # of a turn about the vertical that counts as measured
 MAX_SPIN_CHANGE_RAD_S2 = 40.0  # while a ball is out of sight [rad/s^2]
 MAX_WINDING_DOUBT_RAD = 1.2  # about a turn out of sight that is still counted
 IMPACT_SPEED_M_S = 0.3  # change of velocity between frames that shows an impact [m/s]
-MIN_SEPARATION_SQUARED = 0.05  # squared sine of half the angle between marks that fix an orientation
-SLIP_SD = (0.003, 0.05)  # of a turn from rolling where a single mark is seen: [rad], and relative to the turn
-GATE_RAD = (0.1, 0.45)  # least and greatest distance of a mark from where it is expected
-INNER_COSINE = float(np.cos(np.radians(55)))  # of the angle to the line of sight, within which no mark is overlooked
-MISSED_COST = 12.0  # of a mark that is not where it should be [squared standard deviations]
 LOOKAHEAD_FRAMES = 4  # that decide between turns that one pair of frames leaves open
-OVERLAP_RAD = 0.3  # distance within which two marks are one
 DUPLICATE_RAD = 0.1  # between turns that need not both be tried
 STEADY_SD_RAD = 0.06  # of a turn from a constant spin between impacts
-GUESS_SD_RAD = 1.0  # of a guess that is only a start
 SURE_COST = 4.0  # of a mark, up to which a constant spin is accepted
 IMPACT_COST = 12.0
 MAX_TURN_COST = 60.0  # of a turn and the frames after it; above, nothing explains them
@@ -57,23 +57,6 @@ MAX_GUESSES = 120  # that are tried
 MAX_TURN_RAD = 3.0  # between frames, that is tried
 SIDESPIN_SD_RAD_S = 50.0  # a priori [rad/s]
 VERTICAL_AXIS = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class _State:
-    """Orientation, spin and landmarks of the ball in one frame."""
-
-    frame: int
-    axes: Array  # (3, 3) rotation from the axes of the ball to those of the table
-    place: Array  # (m, 3) landmarks in the axes of the ball
-    weight: Array  # (m,) of the landmarks [1/rad^2]
-    turn: Array  # (3,) rotation vector since the previous state [rad]
-    spin: Array | None  # (3,) smoothed [rad/s]
-    sd: Array  # (3,) of the orientation about x, y, z [rad]
-    added_error: tuple[float, float, float]  # by this turn to the angle: two correlated parts [rad], variance [rad^2]
-    full: bool  # whether all three angles are measured
-    whole: bool  # whether all of the spin was measured, now or before
-    cost: float  # of this frame, in squared standard deviations
 
 
 def turning(seen: Sequence[Spots], radius: float) -> Turning:
@@ -86,7 +69,7 @@ def turning(seen: Sequence[Spots], radius: float) -> Turning:
     step = float(np.median(np.diff(time))) if n > 1 else math.inf
     theta, sd, added_error, run = np.full(n, np.nan), np.full(n, np.nan), np.zeros((n, 3)), np.full(n, -1)
     spin, spin_sd, quaternion = np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 4), np.nan)
-    state: _State | None = None
+    state: MarkedState | None = None
     angle, runs, known = 0.0, 0, -1
     for k, frame in enumerate(frames):
         if len(frame.place) == 0:
@@ -121,7 +104,7 @@ def turning(seen: Sequence[Spots], radius: float) -> Turning:
     return Turning(time, theta, sd, drift, spin, spin_sd, quaternion, tuple(notes))
 
 
-def _notes(frames: Sequence[Marks], state: _State | None, run: NDArray[np.int64], step: float) -> list[str]:
+def _notes(frames: Sequence[Marks], state: MarkedState | None, run: NDArray[np.int64], step: float) -> list[str]:
     """Notes for the user."""
     if state is None or not (run >= 0).any():
         on_top = "the mark shows no rotation: it lies on the axis of rotation"
@@ -140,24 +123,26 @@ def _notes(frames: Sequence[Marks], state: _State | None, run: NDArray[np.int64]
     return [*notes, f"{subject} {limit:.0f} rad/s cannot be distinguished from a smaller one"]
 
 
-def _begin(frame: Marks, k: int) -> _State:
+def _begin(frame: Marks, k: int) -> MarkedState:
     """The first state: the axes of the ball are those of the table."""
-    full, spread, _ = _angle_sd(frame.place, frame.sd, frame.sight, np.full(3, 1e6))
-    return _State(k, np.eye(3), frame.place, frame.weight, np.zeros(3), None, spread, (0.0, 0.0, 0.0), full, False, 0.0)
+    full, spread, _ = angle_sd(frame.place, frame.sd, frame.sight, np.full(3, 1e6))
+    return MarkedState(
+        k, np.eye(3), frame.place, frame.weight, np.zeros(3), None, spread, (0.0, 0.0, 0.0), full, False, 0.0
+    )
 
 
-def _follow(state: _State, frames: Sequence[Marks], k: int, radius: float) -> _State | None:
+def _follow(state: MarkedState, frames: Sequence[Marks], k: int, radius: float) -> MarkedState | None:
     """The state at frame k; None if no turn explains its marks."""
     frame, previous = frames[k], frames[state.frame]
     elapsed = frame.time - previous.time
     dx, dy = (frame.xy - previous.xy) / radius
     roll = np.array([-dy, dx, 0.0])
     expected: Array | None = None
-    options: list[tuple[float, _State]] = []
-    steady: _State | None = None
+    options: list[tuple[float, MarkedState]] = []
+    steady: MarkedState | None = None
     if state.spin is not None:
         expected = state.spin * elapsed if state.whole else roll + VERTICAL_AXIS * state.spin[2] * elapsed
-        steady = _fit_turn(state, frame, k, expected, STEADY_SD_RAD + MAX_SPIN_CHANGE_RAD_S2 * elapsed**2)
+        steady = fit_turn(state, frame, k, expected, STEADY_SD_RAD + MAX_SPIN_CHANGE_RAD_S2 * elapsed**2)
         if steady is not None:
             memory = 0.5 if state.whole == steady.whole else 0.0
             steady = replace(steady, spin=memory * state.spin + (1 - memory) * steady.turn / elapsed)
@@ -165,7 +150,7 @@ def _follow(state: _State, frames: Sequence[Marks], k: int, radius: float) -> _S
                 return steady
             options.append((steady.cost, steady))
     for guess in _without_duplicates(_guesses(state, frame, roll)):
-        candidate = _fit_turn(state, frame, k, guess, GUESS_SD_RAD)
+        candidate = fit_turn(state, frame, k, guess, GUESS_SD_RAD)
         if candidate is None:
             continue
         if all(np.linalg.norm(candidate.turn - other.turn) > DUPLICATE_RAD for _, other in options):
@@ -181,7 +166,7 @@ def _follow(state: _State, frames: Sequence[Marks], k: int, radius: float) -> _S
     return best if best is steady or cost < MAX_TURN_COST else None
 
 
-def _unmatched_cost(state: _State, frame: Marks, turn: Array) -> float:
+def _unmatched_cost(state: MarkedState, frame: Marks, turn: Array) -> float:
     """The cost of a turn after which none of the marks seen is a known landmark."""
     turned = rotation_matrix(turn)
     missed = (state.place @ (turned @ state.axes).T @ frame.sight > INNER_COSINE).sum()
@@ -189,13 +174,13 @@ def _unmatched_cost(state: _State, frame: Marks, turn: Array) -> float:
     return float(MISSED_COST * (missed + unexpected) + len(frame.place))
 
 
-def _lookahead_cost(state: _State, frames: Sequence[Marks], k: int) -> float:
+def _lookahead_cost(state: MarkedState, frames: Sequence[Marks], k: int) -> float:
     """The cost of the frames after k if the spin stays constant."""
     cost = 0.0
     for j in (j for j in range(k + 1, min(k + 1 + LOOKAHEAD_FRAMES, len(frames))) if len(frames[j].place)):
         elapsed = frames[j].time - frames[state.frame].time
         spin = np.zeros(3) if state.spin is None else state.spin
-        found = _fit_turn(state, frames[j], j, spin * elapsed, STEADY_SD_RAD + MAX_SPIN_CHANGE_RAD_S2 * elapsed**2)
+        found = fit_turn(state, frames[j], j, spin * elapsed, STEADY_SD_RAD + MAX_SPIN_CHANGE_RAD_S2 * elapsed**2)
         if found is None:
             cost += 3 * MISSED_COST
         else:
@@ -203,7 +188,7 @@ def _lookahead_cost(state: _State, frames: Sequence[Marks], k: int) -> float:
     return cost
 
 
-def _guesses(state: _State, frame: Marks, roll: Array) -> Iterable[Array]:
+def _guesses(state: MarkedState, frame: Marks, roll: Array) -> Iterable[Array]:
     """Candidate turns that bring one or two landmarks onto marks: rotation vectors (3,)."""
     place = state.place @ state.axes.T
     # Sliding can be seen from two marks only.
@@ -247,107 +232,7 @@ def _prior_cost(turn: Array, roll: Array, elapsed: float, expected: Array | None
     return min(cost + IMPACT_COST, float(np.sum((turn - expected) ** 2)) / STEADY_SD_RAD**2)
 
 
-def _fit_turn(state: _State, frame: Marks, k: int, guess: Array, guess_sd: float) -> _State | None:
-    """Fit a turn so that landmarks lie on marks, from a guess good to `guess_sd` [rad]; None if they do not match."""
-    gate = float(np.clip(0.5 * smallest_angle(state.place), *GATE_RAD))
-    if guess_sd < GUESS_SD_RAD:
-        gate = min(gate, 2 * guess_sd + 3 * MARK_ERROR_RAD)
-    axes = rotation_matrix(guess) @ state.axes
-    total = np.zeros(3)
-    for radius in (gate, gate, 0.6 * gate):
-        place = state.place @ axes.T
-        cosines = place @ frame.place.T  # (m, k)
-        nearest = cosines.argmax(axis=0)
-        mutual = cosines.argmax(axis=1)[nearest] == np.arange(len(frame.place))
-        seen = np.flatnonzero(mutual & (cosines.max(axis=0) > math.cos(radius)))
-        if len(seen) == 0:
-            return None
-        model, marks, sd = place[nearest[seen]], frame.place[seen], frame.sd[seen]
-        # A single mark does not fix the turn about itself: about the horizontal it is that of the guess.
-        slip = SLIP_SD[0] + SLIP_SD[1] * float(np.hypot(*guess[:2]))
-        free = state.whole or len(seen) > 1
-        prior = np.full(3, guess_sd**-2) if free else np.array([slip**-2, slip**-2, 1e-2])
-        full, spread, walk = _angle_sd(model, sd, frame.sight, prior)
-        mark_sd = np.sqrt(sd**2 + 1.0 / state.weight[nearest[seen], None])
-        information, gradient = _equations(model, marks, mark_sd, frame.sight)
-        move = np.asarray(np.linalg.solve(information + np.diag(prior), gradient - prior * total), float)
-        total = total + move
-        axes = rotation_matrix(move) @ axes
-    place = state.place @ axes.T
-    nearest = nearest[seen]
-    across, along = tangents(marks, frame.sight)
-    offset = place[nearest] - marks
-    offset = np.stack([np.sum(offset * across, axis=1), np.sum(offset * along, axis=1)], axis=1)
-    squared_error = np.sum(offset**2 / (mark_sd**2 + MARK_ERROR_RAD**2), axis=1)
-    new = np.setdiff1d(np.arange(len(frame.place)), seen)
-    turn = same_winding(rotation_vector(axes @ state.axes.T), guess)
-    # A new mark was hidden before and overlaps no other; a landmark that should be visible and is not is missed.
-    unexpected = frame.place[new] @ rotation_matrix(turn) @ frame.sight > INNER_COSINE
-    overlapping = (frame.place[new] @ place.T > math.cos(OVERLAP_RAD)).any(axis=1)
-    clear = np.all(place @ frame.glare.T < math.cos(GATE_RAD[1]), axis=1)
-    missed = np.setdiff1d(np.flatnonzero((place @ frame.sight > INNER_COSINE) & clear), nearest)
-    contradictions = int((unexpected | overlapping).sum()) + len(missed)
-    new = new[~overlapping]
-    if squared_error.mean() > (9.0 if full else 4.0) or contradictions > len(seen):
-        return None
-    fit_cost = float(np.minimum(squared_error, 16).sum() + total @ total / guess_sd**2)
-    cost = fit_cost + MISSED_COST * contradictions + len(new)
-    landmarks, weight = _updated_landmarks(state, frame, axes, (seen, nearest), new)
-    whole = state.whole or (full and state.full)
-    # Errors about the horizontal, which are correlated, become errors about the vertical as the ball rolls on. In place
-    # a single mark returns to where it was, so that they do not accumulate.
-    horizontal_sd = math.hypot(spread[0], spread[1]) if full else 0.0
-    walk = walk if math.hypot(turn[0], turn[1]) > SLIP_SD[0] else 0.0
-    added_error = (float(turn[0]) * horizontal_sd, float(turn[1]) * horizontal_sd, walk)
-    return _State(k, axes, landmarks, weight, turn, state.spin, spread, added_error, full, whole, cost)
-
-
-def _updated_landmarks(
-    state: _State, frame: Marks, axes: Array, matches: tuple[NDArray[np.intp], NDArray[np.intp]], new: NDArray[np.intp]
-) -> tuple[Array, Array]:
-    """Landmarks (m, 3) averaged with the marks that match them, and new ones; their weights (m,).
-
-    `matches` are the indices of marks and of their landmarks, `new` those of new marks.
-    """
-    seen, nearest = matches
-    weight, landmarks = state.weight.copy(), state.place.copy()
-    new_weight = frame.weight[seen]
-    landmarks[nearest] = landmarks[nearest] * weight[nearest, None] + (frame.place[seen] @ axes) * new_weight[:, None]
-    landmarks[nearest] /= np.linalg.norm(landmarks[nearest], axis=1, keepdims=True)
-    weight[nearest] += new_weight
-    landmarks = np.concatenate([landmarks, frame.place[new] @ axes])
-    return landmarks, np.concatenate([weight, frame.weight[new]])
-
-
-def _equations(model: Array, marks: Array, sd: Array, sight: Array) -> tuple[Array, Array]:
-    """Normal equations (3, 3), (3,) of the small rotation that takes directions (k, 3) to others."""
-    across, along = tangents(marks, sight)
-    difference = marks - model
-    # A turn d moves p by d x p: along a tangent e by d . (p x e); p, across, along are right-handed axes.
-    rows = np.concatenate([along, -across])
-    residuals = np.concatenate([np.sum(difference * across, axis=1), np.sum(difference * along, axis=1)])
-    weighted = rows.T / np.concatenate([sd[:, 0], sd[:, 1]]) ** 2
-    return weighted @ rows, weighted @ residuals
-
-
-def _angle_sd(place: Array, sd: Array, sight: Array, prior: Array) -> tuple[bool, Array, float]:
-    """Whether marks fix all three angles, the sd of the angles (3,), and the variance that z has from the prior.
-
-    `prior` (3,) are the inverse variances of the expected turns; where marks do not fix all angles, only z has an sd.
-    """
-    information, _ = _equations(place, place, sd, sight)
-    values = np.linalg.eigvalsh(information)
-    if values[0] > MIN_SEPARATION_SQUARED * values[1]:
-        return True, np.sqrt(np.diag(np.linalg.inv(information))), 0.0
-    lever = math.sqrt(max(float(np.max(1.0 - place[:, 2] ** 2)), 1e-9))
-    if MARK_ERROR_RAD / lever > MAX_ANGLE_SD_RAD:
-        return False, np.array([np.nan, np.nan, np.inf]), 0.0
-    prior = np.array([9.0, 9.0, 0.0]) * prior  # the expected turn may be three times less accurate
-    variance = float(np.linalg.inv(information + np.diag(prior))[2, 2])
-    return False, np.array([np.nan, np.nan, math.sqrt(variance)]), variance - 1.0 / float(information[2, 2])
-
-
-def _countable(state: _State, frames: Sequence[Marks], start: int, k: int, step: float) -> bool:
+def _countable(state: MarkedState, frames: Sequence[Marks], start: int, k: int, step: float) -> bool:
     """Whether the turn from frame `start` to k, unseen in between, is unambiguous by whole turns."""
     elapsed = frames[k].time - frames[start].time
     if elapsed < 1.5 * step:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.frames import Picture
 from sysid.vision.rotation.spot_fit import RIM_PX, Disc, find_blob, fit_circles, fit_pixels
+from sysid.vision.sources.pictures import Picture
 
 MIN_TRUSTED_COSINE = float(np.cos(np.radians(65)))  # of the angle to the line of sight; beyond, a centre is inaccurate
 MIN_FITTED_COSINE = float(np.cos(np.radians(72)))  # of that angle; beyond, spots are not fitted

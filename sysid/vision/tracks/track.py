@@ -40,7 +40,8 @@ from sysid.vision.tracks.times.stamps import marked
 if TYPE_CHECKING:
     from sysid.vision.balls.detect import Detection, Detector
     from sysid.vision.balls.discs import Expected
-    from sysid.vision.frames import Footage, Frame, Picture
+    from sysid.vision.frames import Footage, Frame
+    from sysid.vision.sources.pictures import Picture
 
     Watch = Callable[[Frame, Sequence[Detection]], None]
 

@@ -16,8 +16,8 @@ from models.analytic.pocket import JAW_RAILS, outward, pockets_of, rail_of, stra
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
 from models.model_file import full_model
-from models.pocket_shape import SNOOKER_POCKETS, PocketShape, PocketShapes
 from models.shot import NOSE_COSINE, Ball, Shot, Table
+from models.table.pocket_shape import SNOOKER_POCKETS, PocketShape, PocketShapes
 
 Array = NDArray[np.float64]
 BALL, TABLE = Ball(0.0525, 0.1406), Table(3.569, 1.778)

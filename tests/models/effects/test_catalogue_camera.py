@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from models.effect import Effect
+from models.effect_catalogue import effect_class
 from models.errors import BadInput
-from models.model_file import Model, effect_class, full_model
+from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.observe import camera, observed, undone
 from models.simulation.simulate import simulate

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models.model_file import Model, effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import Model, full_model
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
 from tests.support.effect_shots import BALL, BASE, TABLE, apart, shots, truth

@@ -11,9 +11,10 @@ import pytest
 from models import record as rec
 from models.analytic.impulse import ImpactLaw, collide
 from models.effect import Effect
+from models.effect_catalogue import effect_class
 from models.engine.impacts import CLIMB_FRICTION, ask
 from models.hooks import hooks_of
-from models.model_file import Model, effect_class, full_model
+from models.model_file import Model, full_model
 from models.shot import Array, Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 from tests.reference.ball_ball import SpeedFriction, collide_balls

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.model_file import effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import full_model
 from models.shot import NOSE_COSINE, NOSE_SINE, Array, Shot
 from models.simulation.simulate import simulate
 from tests.support.effect_shots import BALL, BASE, TABLE, apart, truth

@@ -13,9 +13,10 @@ import pytest
 
 from models.contract.checks import BALL, CONTRACTS, SAMPLE_TIMES_S, TABLE, faults, kept, numbers, played, tried
 from models.effect import BallState, Effect, ImageState, param, push_along
+from models.effect_catalogue import catalogue
 from models.errors import BadInput
 from models.mjcf.native import Native
-from models.model_file import Estimate, Model, catalogue, full_model, read_model, write_model
+from models.model_file import Estimate, Model, full_model, read_model, write_model
 from models.simulation.simulate import simulate
 
 EFFECTS = sorted(catalogue())

@@ -12,9 +12,10 @@ from typing import Any
 
 import pytest
 
-from models import model_file
+from models import effect_catalogue, model_file
+from models.effect_catalogue import add_folder, catalogue, effect_class
 from models.errors import BadInput
-from models.model_file import add_folder, catalogue, effect_class, read_model
+from models.model_file import read_model
 from sysid.cli import main
 from sysid.new_effect import EFFECT_TEMPLATE, checked_name, class_name, write
 from tests.support.clip_samples import refusal
@@ -26,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[3]
 @pytest.fixture(autouse=True)
 def shipped_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No test sees another's folder."""
-    monkeypatch.setattr(model_file, "_added", {})
+    monkeypatch.setattr(effect_catalogue, "_added", {})
 
 
 @pytest.fixture

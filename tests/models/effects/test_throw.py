@@ -8,10 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from models.model_file import effect_class, full_model
-from models.presets import POOL_BALL
+from models.effect_catalogue import effect_class
+from models.model_file import full_model
 from models.shot import Shot, Table
 from models.simulation.simulate import simulate
+from models.table.presets import POOL_BALL
 from tests.reference.ball_ball import THROW
 
 SPEEDS = (0.447, 1.341, 3.129)  # 1, 3 and 7 mph

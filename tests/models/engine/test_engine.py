@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from models.analytic.cloth import state_at
 from models.analytic.events import first_fall, meeting
 from models.analytic.geometry import Parabola
+from models.effect_catalogue import catalogue
 from models.engine.play import Layout, Result, finish, lacking, play
-from models.mjcf.snooker import racked
-from models.model_file import Model, catalogue, full_model
+from models.model_file import Model, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
+from models.table.snooker import racked
 
 Array = NDArray[np.float64]
 BALL = Ball(0.0525, 0.1406)

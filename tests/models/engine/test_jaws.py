@@ -10,10 +10,11 @@ import pytest
 from models import record as rec
 from models.analytic.geometry import TableGeometry
 from models.analytic.pocket import JAW_RAILS, outward, pockets_of
+from models.effect_catalogue import effect_class
 from models.engine.impacts import describe, part
 from models.engine.play import finish, play
 from models.engine.workspace import Contact, Pair
-from models.model_file import Model, effect_class, full_model
+from models.model_file import Model, full_model
 from models.shot import UNKNOWN_SESSION, Shot, Track
 from models.simulation.simulate import simulate
 from tests.support.pocket_shots import BALL, HALF, TABLE, R, into_pockets

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.model_file import Model, effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import Model, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
 

@@ -171,7 +171,7 @@ def test_a_ball_rolled_into_a_pocket_falls(target: tuple[float, float]) -> None:
 @pytest.mark.gl
 def test_the_picture_shows_the_balls() -> None:
     from models.mjcf.render import render
-    from models.mjcf.snooker import racked
+    from models.table.snooker import racked
 
     places = racked(FULL, SNOOKER)
     assert len(places) == 22

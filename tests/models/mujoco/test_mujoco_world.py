@@ -13,12 +13,13 @@ from dm_control import mujoco as dm_mujoco
 from dm_control.mujoco import wrapper
 from numpy.typing import NDArray
 
+from models.effect_catalogue import catalogue, effect_class
 from models.errors import BadInput
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
-from models.model_file import Model, catalogue, effect_class, full_model
+from models.model_file import Model, full_model
 from models.mujoco.world import World
 from models.shot import GRAVITY, Session, Shot
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE, racked
 
 Array = NDArray[np.float64]
 BASE = full_model(SNOOKER_TABLE, SNOOKER_BALL)

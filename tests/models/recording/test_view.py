@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from models import palette
 from models.errors import BadInput
-from models.palette import ball_colour
-from models.pocket_shape import POCKET_SETS
 from models.recording import layers
 from models.recording import shots as view
 from models.recording.clips import Review
 from models.recording.shots import write_review
 from models.recording.table import pocket_discs
 from models.shot import Table, Track
+from models.table import palette
+from models.table.palette import ball_colour
+from models.table.pocket_shape import POCKET_SETS
 from tests.support.outputs import check_recording
 from tests.support.reviewed_clips import BALL, OFFSET, TABLE, clip, column, read, seconds
 

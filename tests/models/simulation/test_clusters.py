@@ -285,7 +285,7 @@ def test_native_terms_may_differ_between_shots() -> None:
 
 
 def test_native_impacts_on_exact_cloth_are_not_stepped_over() -> None:
-    from models.model_file import effect_class
+    from models.effect_catalogue import effect_class
 
     cloth = Model(TABLE, BALL, effects=(effect_class("decoupled_cloth")(),))
     spin = np.array([[0.0, 180.0, 0.0]])  # topspin speeds it up

@@ -40,7 +40,7 @@ def test_results_and_reports_come_from_all_workers(cluster: Any) -> None:
 
 def test_what_a_worker_refuses_is_told_as_it_is(cluster: Any) -> None:
     with open_workers(cluster.scheduler_address, 0) as workers, pytest.raises(BadInput, match="no such folder"):
-        from models.model_file import add_folder
+        from models.effect_catalogue import add_folder
 
         list(workers.in_turn(add_folder, [("/nowhere/at/all",)]))
 

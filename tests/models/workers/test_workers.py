@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from models.effect_catalogue import add_folder
 from models.errors import BadInput
 from models.interrupts import given_up_when, go_on
-from models.model_file import add_folder
 from models.workers import cluster as dask
 from models.workers import open_workers
 from models.workers.order import Requirements, difference, effects_digest, perform, source_stamp
@@ -49,9 +49,9 @@ def test_a_worker_refuses_what_it_would_compute_otherwise() -> None:
 
 
 def test_a_worker_refuses_other_effects_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from models import model_file
+    from models import effect_catalogue
 
-    monkeypatch.setattr(model_file, "_added", {})
+    monkeypatch.setattr(effect_catalogue, "_added", {})
     with pytest.raises(BadInput, match=r"worker on .*: .*no such folder"):
         Requirements({}, (str(tmp_path / "none"),), "").check()
     (tmp_path / "spare.py").write_text(EFFECT)

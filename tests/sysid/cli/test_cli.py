@@ -12,7 +12,8 @@ from typing import Any
 
 import pytest
 
-from models.model_file import catalogue, full_model, read_model, write_model
+from models.effect_catalogue import catalogue
+from models.model_file import full_model, read_model, write_model
 from models.shot import Ball, Table
 from sysid.cli import main
 from tests.bench.accuracy import CONSTANTS

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from models.presets import TABLE_SETS
+from models.table.presets import TABLE_SETS
 from sysid.cli import main
 from sysid.clips import inspect_clip_set
 from tests.support.clip_samples import contents

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from models.errors import BadInput
-from models.presets import TABLE_SETS
+from models.table.presets import TABLE_SETS
 from sysid.cli.clips.calibrate import TableSize
 from sysid.cli.clips.tables import TableOptions, table_set
 from sysid.vision.camera.projection import read_camera, write_camera

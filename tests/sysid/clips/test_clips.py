@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.pocket_shape import POCKET_SETS
-from models.presets import TABLE_SETS
 from models.shot import Ball, Table
+from models.table.pocket_shape import POCKET_SETS
+from models.table.presets import TABLE_SETS
 from sysid.clips import Clip, ClipSet, CueCommand, Observation, check_clip_set, read_clip_set, write_clip_set
 from tests.support.clip_samples import ROWS, contents, edit, make, refusal
 

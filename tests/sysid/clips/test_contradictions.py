@@ -14,7 +14,8 @@ import pytest
 
 from models.errors import BadInput
 from sysid.clips import check_clip_set, inspect_clip_set, read_clip_set, write_clip_set
-from sysid.clips.consistency.contradictions import contact_distance, contradictions, rebounds, size_notes
+from sysid.clips.consistency.contact_distance import contact_distance
+from sysid.clips.consistency.contradictions import contradictions, rebounds, size_notes
 from tests.truth.__main__ import main as generate
 from tests.truth.sizes import options as size_options
 

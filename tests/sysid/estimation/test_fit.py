@@ -12,7 +12,7 @@ from models.errors import BadInput
 from models.model_file import Model, full_model, read_model, write_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
-from models.sizes import SIZE_NAMES
+from models.table.sizes import SIZE_NAMES
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.tracker.noise import position_noise
 from sysid.estimation import ClipFit, fit_clips

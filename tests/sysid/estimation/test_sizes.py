@@ -11,7 +11,7 @@ import pytest
 
 from models.model_file import full_model
 from models.shot import Ball, Table
-from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
+from models.table.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import ClipFit, fit_clips
 from sysid.estimation.shot_problem import shot_problem

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 import sysid
+from models.effect_catalogue import effect_class
 from models.files.record import Origin, origin_of, with_record
 from models.mjcf.export import places_of
 from models.mjcf.native import Native
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.model_file import Model, effect_class, full_model, write_model
+from models.model_file import Model, full_model, write_model
 from models.shot import GRAVITY, NOSE_SINE, RAIL_NAMES, Array, Shot
 from models.simulation.simulate import simulate
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 from sysid import cli
 from sysid.mjcf import costs
 from sysid.mjcf.costs import ALL_TOGETHER, OF_CONTACTS, Cost, left_out

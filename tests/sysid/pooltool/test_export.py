@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models.effect_catalogue import effect_class
 from models.errors import BadInput
-from models.model_file import Model, effect_class, full_model, write_model
-from models.presets import TABLE_SETS
+from models.model_file import Model, full_model, write_model
 from models.shot import GRAVITY, Ball, Table
+from models.table.presets import TABLE_SETS
 from sysid.cli.verbs import main
 from sysid.pooltool.document import read_systems
 from sysid.pooltool.export import export_pooltool, nearest_laws

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from models.presets import TABLE_SETS
 from models.shot import RAIL_NAMES, Ball
+from models.table.presets import TABLE_SETS
 from sysid.cli import main
 from sysid.clips import read_clip_set
 from sysid.pooltool.clips import import_pooltool

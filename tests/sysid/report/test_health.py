@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 
 from models.effect import Effect, param
+from models.effect_catalogue import catalogue
 from models.effects.camera.image_scale import ImageScale
 from models.effects.cloth.table_tilt import TableTilt
 from models.effects.cloth.worn_patch import WornPatch
 from models.effects.impact.nose_height import NoseHeight, NoseHeightPy
-from models.model_file import Estimate, Model, catalogue, full_model
+from models.model_file import Estimate, Model, full_model
 from models.shot import Ball, Table
 from sysid.report.finding import NOT_DETERMINED
 from sysid.report.health import NOT_CONVERGED_LINE, health, health_lines

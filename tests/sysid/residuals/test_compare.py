@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from models.commands.console import write_json
-from models.model_file import Model, effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import Model, full_model
 from sysid.clips import ClipSet, read_clip_set, write_clip_set
 from sysid.report.text import in_words, print_comparison
 from sysid.residuals.compare import compare

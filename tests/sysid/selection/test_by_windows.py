@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from models.effect import Effect
+from models.effect_catalogue import catalogue
 from models.effects.cue.cue_hop import CueHop
 from models.effects.cue.squirt import Squirt
 from models.free_form import ALONE, Axis, FreeForm
-from models.model_file import catalogue, full_model
+from models.model_file import full_model
 from models.shot import Ball, Shot, Table
 from models.simulation.simulate import simulate
 from sysid.clips import ClipSet, read_clip_set

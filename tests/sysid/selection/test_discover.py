@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from models.commands.console import Status
-from models.model_file import catalogue, full_model, read_model
+from models.effect_catalogue import catalogue
+from models.model_file import full_model, read_model
 from models.simulation.simulate import simulate
 from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
@@ -163,9 +164,9 @@ def test_structure_outside_the_catalogue_becomes_an_effect(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A cloth that dries: told where, written as an effect, added by name; the error falls."""
-    import models.model_file
+    import models.effect_catalogue
 
-    monkeypatch.setattr(models.model_file, "_added", dict(models.model_file._added))
+    monkeypatch.setattr(models.effect_catalogue, "_added", dict(models.effect_catalogue._added))
     made = ("--hidden", "drying_cloth=0.4", "--kind", "roll,cushion,stun,follow", "--clips", "14")
     folder = clips(tmp_path / "set", 34, *made)
     out = tmp_path / "out"

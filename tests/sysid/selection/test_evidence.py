@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.model_file import Model, effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import Model, full_model
 from models.shot import Ball, Table
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.tracker.clock import stamp_scale

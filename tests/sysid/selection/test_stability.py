@@ -8,7 +8,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from models.model_file import effect_class, full_model
+from models.effect_catalogue import effect_class
+from models.model_file import full_model
 from models.shot import Ball, Table
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models.model_file
+import models.effect_catalogue
+from models.effect_catalogue import add_folder, effect_class
 from models.errors import BadInput
 from models.formula import BEND, HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, FactorArguments, TermRow, factor_value
 from models.hooks import address, hooks_of
-from models.model_file import add_folder, effect_class, full_model
+from models.model_file import full_model
 from models.shot import Ball, Session, Shot, Table, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
@@ -92,7 +93,7 @@ def test_names_are_distinct_and_words_complete() -> None:
 
 @pytest.mark.parametrize("term", TERMS[::24], ids=lambda t: t.name)  # of each quantity one at least
 def test_the_file_of_a_term_keeps_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, term: Term) -> None:
-    monkeypatch.setattr(models.model_file, "_added", {})
+    monkeypatch.setattr(models.effect_catalogue, "_added", {})
     path = tmp_path / "odd_cloth.py"
     path.write_text(effect_source("odd_cloth", (term,), (term.width / 4,), "Odd.", "a test of terms"))
     shows_elsewhere = "no shot is changed"  # in a cell, at a rail or with a ball not met there
@@ -243,7 +244,7 @@ WRITTEN = [
 def test_the_file_does_what_the_formula_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr(models.model_file, "_added", {})
+    monkeypatch.setattr(models.effect_catalogue, "_added", {})
     chosen = [
         dataclasses.replace(t, limits=None, only_moves=False) for t in terms_of(*names)
     ]  # a file has places as numbers
@@ -367,7 +368,7 @@ SPITEFUL = [
 @pytest.mark.parametrize("text", SPITEFUL, ids=range(len(SPITEFUL)))
 def test_words_of_a_result_stay_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     """Quotes, backslashes and line breaks in what a result or a file's name says neither break nor run."""
-    monkeypatch.setattr(models.model_file, "_added", {})
+    monkeypatch.setattr(models.effect_catalogue, "_added", {})
     monkeypatch.chdir(tmp_path)
     entry = told(terms_of("drag_at_1_1")[0]) | {"unit": text, "where": text, "depends_on": [text], "width": text}
     written = source_from("odd_cloth", {"terms": [entry], "what": text, "where": text, "form": text}, text)

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import model_file
+from models import effect_catalogue
+from models.effect_catalogue import catalogue
 from models.mjcf.native import Native
-from models.model_file import catalogue, read_model
+from models.model_file import read_model
 from sysid import cli
 from sysid.clips import read_clip_set
 from sysid.validation import match
-from sysid.validation.match import MatchResult
+from sysid.validation.match_result import MatchResult, line
 from sysid.validation.published import CUSHION_2009, CUSHION_2010, OBLIQUE_2009
 
 HEADWIND = """
@@ -46,7 +47,7 @@ def rows() -> list[MatchResult]:
 
 @pytest.mark.slow
 def test_effects_reach_every_figure(rows: list[MatchResult]) -> None:
-    missed = [match.line(row) for row in rows if not row.ok]
+    missed = [line(row) for row in rows if not row.ok]
     assert not missed
     assert sum(row.tolerance is not None for row in rows if not row.case.startswith("effect ")) == 25
 
@@ -61,9 +62,9 @@ def test_every_effect_of_the_catalogue_has_its_rows(rows: list[MatchResult]) -> 
 
 
 def test_an_effect_of_one_s_own_has_rows_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_file, "_added", {})
+    monkeypatch.setattr(effect_catalogue, "_added", {})
     (tmp_path / "headwind.py").write_text(HEADWIND)
-    assert model_file.add_folder(tmp_path) == ("headwind", "level")
+    assert effect_catalogue.add_folder(tmp_path) == ("headwind", "level")
     assert "headwind" in match.playable_effects()
     assert "level" not in match.playable_effects(), "it edits the MJCF: only MuJoCo plays it"
     found = match.effect("headwind", 6)
@@ -107,7 +108,7 @@ def test_a_row_that_misses_is_not_ok() -> None:
     assert not MatchResult("a", "effects", 2.1, "mm", 2.0).ok
     assert not MatchResult("a", "effects", float("nan"), "mm", 2.0).ok
     assert MatchResult("a", "native", 1e9, "mm").ok
-    assert "EXCEEDED" in match.line(MatchResult("a", "effects", 2.1, "mm", 2.0))
+    assert "EXCEEDED" in line(MatchResult("a", "effects", 2.1, "mm", 2.0))
 
 
 @pytest.mark.parametrize(("error", "status"), [(0.5, 0), (1.5, 1)])

@@ -20,8 +20,9 @@ from sysid.vision.balls.learning import learn_detector
 from sysid.vision.camera.camera_motion import SteadyView, apart, side_profiles, standing
 from sysid.vision.camera.projection import Camera, ball_of, read_camera, write_camera
 from sysid.vision.film import Taken, TrackedFilm, track_footage
-from sysid.vision.frames import Footage, Frame, Picture, open_footage
+from sysid.vision.frames import Footage, Frame, open_footage
 from sysid.vision.sheet import write_sheet
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film

@@ -17,7 +17,7 @@ from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import distinct, learn_detector, steadier, unsteadiness
 from sysid.vision.camera.projection import Camera
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, film
 from tests.footage.motion import Cue, Motion

@@ -16,7 +16,8 @@ from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import Expected, Shutter, is_clear, known_disc, near_disc
 from sysid.vision.balls.learning import learn_detector
 from sysid.vision.balls.sweeps import strips
-from sysid.vision.frames import Picture, open_footage
+from sysid.vision.frames import open_footage
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.track import Tracked, track
 from tests.footage.film import Look, film
 from tests.footage.motion import Motion

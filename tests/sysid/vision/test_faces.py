@@ -18,7 +18,7 @@ from sysid.vision.balls.cover import not_table
 from sysid.vision.balls.detect import Detector
 from sysid.vision.balls.discs import new_discs
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.track import track
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from models.errors import BadInput
-from sysid.vision.frames import Picture, open_footage, read_picture
+from sysid.vision.frames import open_footage
+from sysid.vision.sources.pictures import Picture, read_picture
 
 SIZE = (64, 48)
 RATE = 119.88

@@ -16,7 +16,7 @@ from sysid.vision.balls.colours.palette import default_palette, pool_palette
 from sysid.vision.balls.detect import Detection, Detector
 from sysid.vision.balls.discs import Expected
 from sysid.vision.balls.learning import learn_detector
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 from tests.footage.cameras import overhead
 from tests.footage.film import BALLS, Look, Spot, film
 from tests.footage.motion import Motion

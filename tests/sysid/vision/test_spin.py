@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from models.errors import BadInput
 from models.shot import Table, Track
 from sysid.vision.camera.projection import Array, Camera
-from sysid.vision.frames import Picture
 from sysid.vision.rotation.spin import turning
 from sysid.vision.rotation.spots import Spots, find_spots
 from sysid.vision.rotation.turned import Turning, rate
+from sysid.vision.sources.pictures import Picture
 from tests.footage.cameras import overhead
 from tests.footage.film import Look, Spot, film
 from tests.footage.motion import Motion, motion_of

@@ -15,7 +15,7 @@ from sysid.vision.tracks.clips import Extra, clip_set
 from sysid.vision.tracks.following.follow import BallTrack, Follower
 from sysid.vision.tracks.moves import TrackedScene
 from sysid.vision.tracks.noise import Noise, estimate_noise, residuals
-from sysid.vision.tracks.shots.strikes import balls_there
+from sysid.vision.tracks.shots.clip_extent import balls_there
 from sysid.vision.tracks.track import tracked
 from tests.support.followed_balls import (
     BALL,

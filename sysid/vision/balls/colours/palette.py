@@ -19,10 +19,10 @@ from models.files import read_toml
 from models.files.decode import Allowed
 from models.files.faults import shown
 from models.files.limits import MAX_BALLS, excess
-from models.presets import POOL_BALL
 from models.shot import Table
+from models.table.presets import POOL_BALL
 from sysid.vision.balls.view_geometry import Array
-from sysid.vision.frames import Picture
+from sysid.vision.sources.pictures import Picture
 
 BRIGHTNESS_WEIGHT = 0.5  # of brightness relative to tint when colours are compared
 LINK_DISTANCE = 0.13  # between colours that are of the same ball

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.files import write_whole
-from models.mjcf.snooker import BAULK_LINE_M, D_RADIUS_M, FULL_LENGTH, is_snooker
 from models.shot import NOSE_HEIGHT
+from models.table.snooker import BAULK_LINE_M, D_RADIUS_M, FULL_LENGTH, is_snooker
 from sysid.vision.camera.calibrate import Calibration
 from sysid.vision.camera.pictures.calibration_report import rows
 from sysid.vision.camera.projection import Array, Camera

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +24,9 @@ from scipy.optimize import linear_sum_assignment
 from models.shot import NOSE_COSINE
 from sysid.clips.consistency.tempo import MAX_CUE_SPEED
 from sysid.vision.balls.detect import Detection
-from sysid.vision.balls.discs import Expected, face_cost
+from sysid.vision.balls.discs import Expected
 from sysid.vision.camera.projection import Array, Camera
+from sysid.vision.tracks.following.followed_ball import CONFIRMING_DETECTIONS, FollowedBall, TrackPoint, track_point
 from sysid.vision.tracks.following.prediction import MIN_MOVING_SPEED_M_S, State, predict_impacts
 
 MIN_DETECTION_SD_PX = 0.2  # added to the standard deviation that the detector estimates
@@ -38,93 +38,14 @@ MOVING_STRIKE_COST = 12.0  # of a strike of a moving ball [negative log likeliho
 MISSED_COST = 30.0  # of a confirmed ball without a detection
 UNCONFIRMED_COST = 20.0  # of an unconfirmed ball without a detection
 REAPPEARANCE_COST = 5.0  # of a lost ball detected where it was at rest
-CONFIRMING_DETECTIONS = 4  # that make a ball, or a jump
 MAX_MISSED_FRAMES = 2  # in a row, after which it is undone if unconfirmed
 MIN_TRACK_DETECTIONS = 10  # of a track that is returned
 UNCONFIRMED_HYPOTHESES = ("jump", "again")  # that need further detections
 MIN_SEPARATION_RADII = 1.2  # between the detections of two balls
-COLOUR_MEMORY = 0.1  # part of a detection in the mean colour
 CONVERSION_BATCH = 4000  # detections projected to the table at a time
 
 Position = tuple[float, float, float, float]  # time [s], x, y [m] and variance [m^2] of a detection
 Positions = dict[int, Position]  # by index of the detection
-
-
-class TrackPoint(NamedTuple):
-    """One detection of a ball in its track."""
-
-    frame: int
-    time: float  # when its row of the picture was exposed [s]
-    u: float  # [pixels]
-    v: float
-    sd: float
-    radius: float
-    face_change: float
-
-    @property
-    def backwards(self) -> TrackPoint:
-        """The same in a time that runs backwards."""
-        return self._replace(frame=-self.frame, time=-self.time)
-
-
-def _point(frame: int, time: float, seen: Detection) -> TrackPoint:
-    return TrackPoint(
-        frame, time, float(seen.xy[0]), float(seen.xy[1]), float(seen.sd), float(seen.radius), seen.face_change
-    )
-
-
-@dataclass
-class FollowedBall:
-    """A track in the making."""
-
-    name: str
-    state: State
-    points: list[TrackPoint]
-    confirmed: bool = False
-    streak: int = 1  # detections since it appeared or jumped
-    missed: int = 0  # frames since it was seen
-    before_jump: tuple[State, int] | None = None  # of an unconfirmed jump: state and number of points before it
-    smooth: State | None = None  # predicted for the current frame without impacts
-    impact: State | None = None  # and through impacts
-    colour: Array | None = None  # (3,) of its face, mean over the last detections
-    looks: int = 1  # detections in it
-    last_colour: Array | None = None  # (3,) of its last detection
-
-    def look(self, seen: Detection) -> None:
-        """Take the colour of a detection into the mean."""
-        self.last_colour = seen.colour
-        if self.colour is None or seen.colour is None:
-            self.colour = seen.colour if self.colour is None else self.colour
-        else:
-            self.looks += 1
-            part = max(COLOUR_MEMORY, 1 / self.looks)
-            self.colour = part * seen.colour + (1 - part) * self.colour
-
-    def colour_cost(self, seen: Array | None) -> float:
-        """Negative log likelihood of a colour (3,) as this ball's, which turns as it rolls; 0 where it is not known."""
-        if self.colour is None or seen is None:
-            return 0.0
-        return face_cost(seen, self.colour)
-
-    def undo(self) -> None:
-        """Return to the state before an unconfirmed jump."""
-        if self.before_jump is not None:
-            self.state, kept = self.before_jump
-            del self.points[kept:]
-            self.before_jump, self.streak = None, CONFIRMING_DETECTIONS
-
-    def backwards(self) -> FollowedBall:
-        """A ball just seen, to be followed in a time that runs backwards; only its last colour is surely its own."""
-        points = [self.points[-1].backwards]
-        return FollowedBall(
-            self.name, self.state.backwards, points, True, CONFIRMING_DETECTIONS, colour=self.last_colour
-        )
-
-    def forwards(self) -> list[TrackPoint]:
-        """Its points in order of time, when it was followed in one that runs backwards."""
-        if self.missed:
-            self.undo()
-        return [point.backwards for point in reversed(self.points)]
 
 
 @dataclass(frozen=True)
@@ -208,7 +129,7 @@ class Follower:
             same_name = {k: place for k, place in positions.items() if seen[k].name == name}
             found |= self._associate([b for b in self.balls if b.name == name], same_name, seen)
         for k, ball in found.items():
-            ball.points.append(_point(index, positions[k][0], seen[k]))
+            ball.points.append(track_point(index, positions[k][0], seen[k]))
             ball.look(seen[k])
         self._count_missed({id(ball) for ball in found.values()})
         new = [ball for ball in found.values() if not ball.confirmed]
@@ -340,7 +261,7 @@ class Follower:
             if all(math.hypot(x - a, y - b) > MIN_SEPARATION_RADII * self.camera.radius for a, b in there):
                 state = State(time, x, y, 0.0, 0.0, variance, 0.0, (MAX_CUE_SPEED / 3) ** 2)
                 self.balls.append(
-                    FollowedBall(seen[k].name, state, [_point(index, time, seen[k])], colour=seen[k].colour)
+                    FollowedBall(seen[k].name, state, [track_point(index, time, seen[k])], colour=seen[k].colour)
                 )
                 there.append((x, y))
 

@@ -19,14 +19,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from sysid.clips.consistency.tempo import MAX_CUE_SPEED
-from sysid.vision.tracks.following.follow import (
-    CONFIRMING_DETECTIONS,
-    JUMP_COST,
-    MISSED_COST,
-    FollowedBall,
-    Follower,
-    TrackPoint,
-)
+from sysid.vision.tracks.following.follow import JUMP_COST, MISSED_COST, Follower
+from sysid.vision.tracks.following.followed_ball import CONFIRMING_DETECTIONS, FollowedBall, TrackPoint
 from sysid.vision.tracks.following.prediction import State
 
 if TYPE_CHECKING:

@@ -17,14 +17,8 @@ from models.shot import Ball
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.running import from_free_motion
 from sysid.vision.tracks.moves import MAX_UNSEEN_S, Move, TrackedScene, phase_at
-from sysid.vision.tracks.shots.strikes import (
-    FoundShots,
-    TrackedShot,
-    Unstruck,
-    balls_there,
-    ending,
-    gains_speed,
-)
+from sysid.vision.tracks.shots.clip_extent import balls_there, ending
+from sysid.vision.tracks.shots.strikes import FoundShots, TrackedShot, Unstruck, gains_speed
 
 UNUSED_MASS_KG = 1.0  # of a ball, which no motion shows
 TOO_SHORT = "too little of it is free motion"

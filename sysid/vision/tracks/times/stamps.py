@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.vision.camera.projection import Array
-from sysid.vision.frames import Frame, Picture
+from sysid.vision.frames import Frame
+from sysid.vision.sources.pictures import Picture
 from sysid.vision.tracks.following.follow import BallTrack
 
 PROBE_PX = 4  # every so many pixels are compared; or means of cells of this size

@@ -12,13 +12,14 @@ import pytest
 from numpy.typing import NDArray
 
 from models.analytic.pocket import JAW_RAILS, jaw_gaps, pockets_of
+from models.effect_catalogue import effect_class
 from models.engine.play import Result, finish, play
 from models.errors import BadInput
-from models.model_file import Model, effect_class, full_model
-from models.pocket_shape import INCH_M, PocketShape
-from models.presets import TABLE_SETS, find_table, usual_mass
+from models.model_file import Model, full_model
 from models.shot import Ball, Shot, Table, Track
 from models.simulation.simulate import simulate
+from models.table.pocket_shape import INCH_M, PocketShape
+from models.table.presets import TABLE_SETS, find_table, usual_mass
 
 Array = NDArray[np.float64]
 CORNER, MIDDLE = (1, 1), (0, 1)

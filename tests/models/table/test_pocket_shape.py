@@ -12,8 +12,8 @@ import tomli_w
 
 from models.errors import BadInput
 from models.model_file import full_model, read_model, write_model
-from models.pocket_shape import POCKET_SETS, SNOOKER_POCKETS, WPA_POCKETS, read_pockets
 from models.shot import Ball, Table
+from models.table.pocket_shape import POCKET_SETS, SNOOKER_POCKETS, WPA_POCKETS, read_pockets
 
 BALL = Ball(0.05715, 0.163)
 CORNER = dataclasses.asdict(WPA_POCKETS.corner)

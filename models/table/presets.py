@@ -2,7 +2,7 @@
 
 Sources. Snooker: Official Rules of the Games of Snooker and English Billiards (WPBSA), section 1. Pool: WPA, Tournament
 Table and Equipment Specifications, sections 4 and 16: 100 by 50 in and 92 by 46 in, balls of 2.25 in and 5.5 to 6 oz.
-The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (models/pocket_shape.py). Nor has it the 8 ft table of 88
+The WPA knows no table of 7 ft: 78 by 39 in as pooltool has it (pocket_shape.py). Nor has it the 8 ft table of 88
 by 44 in that makers sell besides, for homes and leagues: twice as long as wide, as the BCA asks (Equipment
 Specifications), which names no inches for 8 ft. Its pockets are taken to be the WPA's.
 Carom: UMB, World Rules, chapter 1: 2.84 by 1.42 m, balls of 61 to 61.5 mm and 205 to 220 g.
@@ -19,12 +19,12 @@ from difflib import get_close_matches
 from typing import Any
 
 from models.errors import BadInput
-from models.files.decode import Place
 from models.files.faults import shown
 from models.files.limits import MAX_NAME_CHARS
-from models.mjcf.snooker import SNOOKER_BALL, SNOOKER_TABLE
-from models.pocket_shape import INCH_M, POCKET_SETS
+from models.files.place import Place
 from models.shot import Ball, Table
+from models.table.pocket_shape import INCH_M, POCKET_SETS
+from models.table.snooker import SNOOKER_BALL, SNOOKER_TABLE
 
 POOL_BALL = Ball(2.25 * INCH_M, 0.163)  # 5.75 oz
 

@@ -19,7 +19,7 @@ Sources. Robotic Billiards: Robotic Billiards 2015. The templates of the WPBSA a
 Pool-Billiard Association, Tournament Table and Equipment Specifications, sections 9 and 16, the middle of what they
 allow. Showood: a 7 ft table that the authors of pooltool measured (pooltool/objects/table/collection.py). The WPA
 leaves radii of noses and slate open: Showood's are taken. Acceptances of pool: what these jaws let in at 0.3 m/s with
-MuJoCo's and the event engine's impacts of models/analytic/impulse.py (tests/models/test_presets.py measures them).
+MuJoCo's and the event engine's impacts of models/analytic/impulse.py (measured by tests/models/table/test_presets.py).
 Leaves out the facings' own rubber and the back draft of the cut.
 """
 

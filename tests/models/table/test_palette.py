@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from models.mjcf.world import colour as world_colour
-from models.palette import SCREEN_COLOURS, Colour, ball_colour, ink
+from models.table.palette import SCREEN_COLOURS, Colour, ball_colour, ink
 
 LEAST_CONTRAST = 2.0  # of a line with what is behind it
 

@@ -13,7 +13,7 @@ from models.errors import BadInput
 from models.model_file import Estimate, full_model, read_model, write_model
 from models.shot import Array, Ball, Shot, Table
 from models.simulation.simulate import simulate
-from models.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
+from models.table.sizes import BALL_DIAMETER, SIZE_NAMES, TABLE_LENGTH, TABLE_WIDTH
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
 MODEL = full_model(TABLE, BALL)
