@@ -15,7 +15,7 @@ from models.commands.console import table
 from sysid.estimation.fitted import MISS_OVER_AXIS, FittedModel
 from sysid.selection.next_shot import NextShot
 from sysid.selection.result import DiscoveryResult
-from sysid.selection.score import Score
+from sysid.selection.scoring.score import Score
 from sysid.selection.screening import Diagnosis, Screening
 
 NEW_EFFECT_COMMAND = "sysid new-effect NAME --from result.json"  # in the folder of results

@@ -22,7 +22,7 @@ from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, fit_on
 from sysid.estimation.states.initial_states import fit_states
-from sysid.selection.evidence import MAX_RESIDUAL_SD, mean_squares
+from sysid.selection.scoring.evidence import MAX_RESIDUAL_SD, mean_squares
 
 MIN_RATIO = 1.7  # least ratio of a departing shot's mean square to the median of all
 MIN_RATIO_SD = 6.0  # least distance of a departing shot's mean square from the median, in standard deviations

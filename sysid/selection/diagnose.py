@@ -15,8 +15,8 @@ from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import Split, in_any_case, split
-from sysid.selection.by_whole_shots import ByWholeShots
-from sysid.selection.by_windows import ByWindows
+from sysid.selection.fits.by_whole_shots import ByWholeShots
+from sysid.selection.fits.by_windows import ByWindows
 from sysid.selection.formulas.description import describe
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
 from sysid.selection.next_shot import NextShot, propose_next

@@ -19,9 +19,9 @@ from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
 from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import in_any_case, split
-from sysid.selection.by_whole_shots import ByWholeShots
-from sysid.selection.by_windows import ByWindows
 from sysid.selection.departures import without_departing
+from sysid.selection.fits.by_whole_shots import ByWholeShots
+from sysid.selection.fits.by_windows import ByWindows
 from sysid.selection.formulas.description import describe
 from sysid.selection.formulas.formula import EFFECT_NAME
 from sysid.selection.judgement import ERROR_RATE, V, judged, unknowns_of_terms
@@ -29,9 +29,9 @@ from sysid.selection.names import Found
 from sysid.selection.next_shot import propose_next
 from sysid.selection.remainder import remainder
 from sysid.selection.result import DiscoveryResult, Show
+from sysid.selection.scoring.signatures import at_sizes
 from sysid.selection.screening import candidates_for
 from sysid.selection.search import search
-from sysid.selection.signatures import at_sizes
 from sysid.selection.stability import stability_of
 
 log = logging.getLogger(__name__)

@@ -18,12 +18,12 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from sysid.estimation.problem import Array, Index
-from sysid.selection.evidence import Evidence, chi2_of_known
+from sysid.selection.fits.view import FitView, ShotLosses
 from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
 from sysid.selection.formulas.free_forms import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.formulas.terms import Shape
-from sysid.selection.signatures import Candidate
-from sysid.selection.view import FitView, ShotLosses
+from sysid.selection.scoring.evidence import Evidence, chi2_of_known
+from sysid.selection.scoring.signatures import Candidate
 
 ERROR_RATE = 0.05  # probability that an added cause is due to nothing, or to a size of each shot's own
 PART_OF_WIDTH = 0.25  # usual size of a term's coefficient, over its width

@@ -15,9 +15,9 @@ from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, Sp
 from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.judgement import Judged, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
-from sysid.selection.score import Score, Scores
+from sysid.selection.scoring.score import Score, Scores
+from sysid.selection.scoring.signatures import at_sizes, candidate
 from sysid.selection.screening import FittedCandidate, candidates_for
-from sysid.selection.signatures import at_sizes, candidate
 
 log = logging.getLogger(__name__)
 

@@ -31,9 +31,9 @@ from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.solver.least_squares import Prior, differences
 from sysid.estimation.split import Split
 from sysid.selection.judgement import ERROR_RATE
-from sysid.selection.score import Score
+from sysid.selection.scoring.score import Score
+from sysid.selection.scoring.signatures import with_candidate
 from sysid.selection.screening import Screening
-from sysid.selection.signatures import with_candidate
 
 TRIED_SHOTS = 64  # a power of two, as Sobol sequences need
 SHOT_DURATION_S = 4.0

@@ -19,7 +19,7 @@ from scipy.special import chdtrc
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
 from sysid.selection.departures import shared_cause
-from sysid.selection.evidence import MAX_RESIDUAL_SD, correlation_time, excess_variance
+from sysid.selection.scoring.evidence import MAX_RESIDUAL_SD, correlation_time, excess_variance
 
 MIN_EXCESS_VARIANCE = 0.1  # least variance beyond the noise that is reported, over that of the noise
 MIN_CORRELATION_TIME = 1.5  # [samples]; with less correlation the noise is larger than stated, or has heavier tails

@@ -14,10 +14,10 @@ from models.effect import Effect
 from models.effect_catalogue import catalogue
 from models.model_file import Model
 from sysid.estimation.fitted import FittedModel
-from sysid.selection.evidence import Evidence
 from sysid.selection.formulas.formula import SEPARATED_LOG_ODDS, SparseFormula
-from sysid.selection.score import Score, Scores
-from sysid.selection.signatures import Candidate, candidate
+from sysid.selection.scoring.evidence import Evidence
+from sysid.selection.scoring.score import Score, Scores
+from sysid.selection.scoring.signatures import Candidate, candidate
 
 CONFOUNDED_CORRELATION = 0.9  # least correlation of two signatures that are confounded
 

@@ -50,9 +50,9 @@ from sysid.selection.judgement import (
 )
 from sysid.selection.names import Found, as_fitted, with_likelier_name
 from sysid.selection.rivals import likeliest_first, ranked
-from sysid.selection.score import Score
+from sysid.selection.scoring.score import Score
+from sysid.selection.scoring.signatures import Candidate, candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
-from sysid.selection.signatures import Candidate, candidate
 
 _What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted

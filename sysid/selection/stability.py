@@ -20,11 +20,11 @@ import numpy as np
 
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
+from sysid.selection.fits.view import projected_on
 from sysid.selection.formulas.free_forms import log_odds, mean_odds
 from sysid.selection.judgement import ERROR_RATE, Threshold, Unknown, covariances, over_scatter, unknowns_of
-from sysid.selection.score import Linearised, add_known
-from sysid.selection.signatures import candidate
-from sysid.selection.view import projected_on
+from sysid.selection.scoring.score import Linearised, add_known
+from sysid.selection.scoring.signatures import candidate
 
 DEFAULT_DRAWS, SEED = 100, 0
 LEAST_SHARE = 1e-9  # added to the diagonal, so that undetermined unknowns stay regular

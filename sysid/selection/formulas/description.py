@@ -17,7 +17,6 @@ from models.formula import MAX_TERMS
 from models.variables import VARIABLES
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.problem import Array
-from sysid.selection.evidence import Evidence
 from sysid.selection.formulas.effect_file import effect_source
 from sysid.selection.formulas.formula import EFFECT_NAME, SparseFormula
 from sysid.selection.formulas.terms import (
@@ -30,6 +29,7 @@ from sysid.selection.formulas.terms import (
     condition,
 )
 from sysid.selection.formulas.terms_read import RESULT_REMEDY, term_from_json
+from sysid.selection.scoring.evidence import Evidence
 
 
 def describe(found: SparseFormula, fitted: FittedModel | None, evidence: Evidence | None) -> dict[str, Any]:

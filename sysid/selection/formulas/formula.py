@@ -42,8 +42,8 @@ from sysid.selection.formulas.terms import (
     effect_from_terms,
     library,
 )
-from sysid.selection.score import Score, Scores
-from sysid.selection.signatures import Candidate, at_sizes, candidate
+from sysid.selection.scoring.score import Score, Scores
+from sysid.selection.scoring.signatures import Candidate, at_sizes, candidate
 
 SEPARATED_LOG_ODDS = math.log(20)  # "strong" evidence (Kass and Raftery 1995)
 RIVAL_SHARE = 0.5  # predicted log odds of a rival over the likeliest cause's, at least; right to a factor of two

@@ -40,8 +40,8 @@ from sysid.selection.formulas.terms import (
     step,
     straight,
 )
-from sysid.selection.score import Scores
-from sysid.selection.signatures import Candidate, candidate
+from sysid.selection.scoring.score import Scores
+from sysid.selection.scoring.signatures import Candidate, candidate
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn

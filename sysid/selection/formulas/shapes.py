@@ -14,8 +14,8 @@ from models import formula as kinds
 from sysid.selection.formulas.families import PARTS_OF_RANGE
 from sysid.selection.formulas.free_forms import Cause, cause_of, mean_odds, usual_values
 from sysid.selection.formulas.terms import Shape, effect_from_terms
-from sysid.selection.score import Scores
-from sysid.selection.signatures import Candidate, candidate
+from sysid.selection.scoring.score import Scores
+from sysid.selection.scoring.signatures import Candidate, candidate
 
 FINER_PARTS = 6  # of a part of a range: the finer grid of places around one of the first grid
 MIN_PLACE_LOG_ODDS = 0.1  # least gain of log odds by another place, beyond rounding

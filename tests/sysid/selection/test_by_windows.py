@@ -22,12 +22,12 @@ from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation.chains.chain import Chain
 from sysid.estimation.from_nothing import fit_windows
 from sysid.estimation.split import split
-from sysid.selection.by_windows import linearise_windows
 from sysid.selection.diagnose import diagnose
 from sysid.selection.discover import discover
+from sysid.selection.fits.by_windows import linearise_windows
 from sysid.selection.formulas.free_forms import Block, free_candidates
 from sysid.selection.result import DiscoveryResult
-from sysid.selection.signatures import candidate
+from sysid.selection.scoring.signatures import candidate
 from tests.examination.__main__ import make
 from tests.examination.families import chalky_stretch
 from tests.truth.__main__ import main as generate

@@ -11,14 +11,14 @@ from models.model_file import full_model
 from sysid.clips import read_clip_set
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.split import split
-from sysid.selection.by_whole_shots import ByWholeShots
-from sysid.selection.by_windows import ByWindows
 from sysid.selection.centring import centred
+from sysid.selection.fits.by_whole_shots import ByWholeShots
+from sysid.selection.fits.by_windows import ByWindows
+from sysid.selection.fits.view import FitView
 from sysid.selection.formulas.formula import UNNAMED_EFFECT
 from sysid.selection.formulas.free_forms import Span, blocks
-from sysid.selection.score import Score
-from sysid.selection.signatures import candidate
-from sysid.selection.view import FitView
+from sysid.selection.scoring.score import Score
+from sysid.selection.scoring.signatures import candidate
 from tests.truth.__main__ import main as generate
 
 

@@ -13,7 +13,7 @@ from models.shot import Event
 from sysid.clips import Clip, read_clip_set
 from sysid.selection.departures import ShotDeparture, common_event, departing
 from sysid.selection.discover import discover
-from sysid.selection.evidence import mean_squares
+from sysid.selection.scoring.evidence import mean_squares
 from tests.truth.__main__ import main as generate
 
 

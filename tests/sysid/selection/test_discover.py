@@ -18,8 +18,8 @@ from sysid import cli
 from sysid.clips import ClipSet, read_clip_set
 from sysid.estimation import begin
 from sysid.report.result_json import result_of
-from sysid.selection.by_whole_shots import ByWholeShots
 from sysid.selection.discover import discover
+from sysid.selection.fits.by_whole_shots import ByWholeShots
 from sysid.selection.judgement import Threshold
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.screening import candidates_for
@@ -284,7 +284,7 @@ def test_diagnose_ranks_and_names_the_margin(tmp_path: Path, capsys: pytest.Capt
 def test_the_simulator_is_the_one_that_is_fitted() -> None:
     """DiscoveryResult must not carry a simulator of its own."""
     from sysid.estimation import fitting, shot_problem
-    from sysid.selection import score
+    from sysid.selection.scoring import score
 
     assert simulate.__module__ == "models.simulation.simulate"
     for room in (score, fitting, shot_problem):

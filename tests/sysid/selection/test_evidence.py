@@ -26,8 +26,8 @@ from sysid.selection.next_shot import (
     Rival,
     propose_shots,
 )
-from sysid.selection.score import score_all
-from sysid.selection.signatures import candidate
+from sysid.selection.scoring.score import score_all
+from sysid.selection.scoring.signatures import candidate
 from tests.truth.__main__ import jittered
 from tests.truth.__main__ import main as generate
 

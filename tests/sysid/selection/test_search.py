@@ -15,8 +15,9 @@ from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
 from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on, split
-from sysid.selection.by_whole_shots import ByWholeShots
-from sysid.selection.by_windows import ByWindows
+from sysid.selection.fits.by_whole_shots import ByWholeShots
+from sysid.selection.fits.by_windows import ByWindows
+from sysid.selection.fits.view import ShotLosses
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
@@ -24,10 +25,9 @@ from sysid.selection.formulas.terms import library
 from sysid.selection.judgement import Threshold, Unknown, judged, over_one_shot, over_scatter, unknowns_of
 from sysid.selection.names import Found, with_likelier_name
 from sysid.selection.rivals import likeliest_first
+from sysid.selection.scoring.signatures import candidate
 from sysid.selection.screening import candidates_for
 from sysid.selection.search import next_cause, outdoes, search, without_needless
-from sysid.selection.signatures import candidate
-from sysid.selection.view import ShotLosses
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]

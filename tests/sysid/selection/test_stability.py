@@ -14,8 +14,8 @@ from models.shot import Ball, Table
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
 from sysid.report.findings import stability_lines
-from sysid.selection.score import Linearised
-from sysid.selection.signatures import Signature, candidate
+from sysid.selection.scoring.score import Linearised
+from sysid.selection.scoring.signatures import Signature, candidate
 from sysid.selection.stability import Stability, stability_of
 
 SHOTS, SAMPLES = 30, 40

@@ -20,8 +20,8 @@ import numpy as np
 from models.model_file import Model
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.problem import Array, Index
-from sysid.selection.score import Linearised, Score, Scores, scores_of
-from sysid.selection.signatures import Candidate
+from sysid.selection.scoring.score import Linearised, Score, Scores, scores_of
+from sysid.selection.scoring.signatures import Candidate
 
 
 class ShotLosses(NamedTuple):

@@ -26,10 +26,10 @@ from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
 from sysid.estimation.states.initial_states import fit_states, shot_losses
 from sysid.estimation.states.state_search import BETTER_LOSS
-from sysid.selection.evidence import MAX_RESIDUAL_SD, compared_losses, counted_as_one, remove_effect
-from sysid.selection.score import Linearised, Score, linearise
-from sysid.selection.signatures import Candidate, with_candidate
-from sysid.selection.view import FitView
+from sysid.selection.fits.view import FitView
+from sysid.selection.scoring.evidence import MAX_RESIDUAL_SD, compared_losses, counted_as_one, remove_effect
+from sysid.selection.scoring.score import Linearised, Score, linearise
+from sysid.selection.scoring.signatures import Candidate, with_candidate
 
 WARM_START_STEPS = 5  # iterations of the initial states from the optimum of another fit
 MIN_WARM_START_IMPROVEMENT, MIN_WARM_START_SHARE = 2.0, 1e-3  # of the loss, to use another optimum

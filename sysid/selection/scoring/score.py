@@ -25,7 +25,7 @@ from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
 from sysid.estimation.solver.joint_fit import eliminated
 from sysid.estimation.solver.least_squares import differences, weights
 from sysid.estimation.solver.normal_equations import from_columns
-from sysid.selection.signatures import Candidate, Signature, signature_of
+from sysid.selection.scoring.signatures import Candidate, Signature, signature_of
 
 MIN_INFORMATION_LEFT = 1e-9  # Schur over marginal information below which nothing is left after projection
 log = logging.getLogger(__name__)

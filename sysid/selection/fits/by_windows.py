@@ -24,9 +24,9 @@ from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, from_other, moved_to, searched
 from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
-from sysid.selection.score import Linearised, Score
-from sysid.selection.signatures import Candidate, Signature
-from sysid.selection.view import FitView
+from sysid.selection.fits.view import FitView
+from sysid.selection.scoring.score import Linearised, Score
+from sysid.selection.scoring.signatures import Candidate, Signature
 
 CANDIDATE_STEPS, FINAL_STEPS = 6, 30  # iterations of the constants: with or without an effect, and of the last model
 TRIAL_STEPS = 3  # iterations of the states at each start value of a fit
