@@ -81,13 +81,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from models import Ball, Shot, Table, add_effects, catalogue, full_model, simulate
 from models.contract import CONTRACTS, kept
-from models.model_file import add_folder, effect_class, full_model
-from models.shot import Array, Ball, Shot, Table
-from models.simulation.simulate import simulate
 
-add_folder(Path(__file__).with_name("{name}.py"))
-KIND = effect_class("{name}")
+add_effects(Path(__file__).with_name("{name}.py"))
+KIND = catalogue()["{name}"]
 BALL, TABLE = Ball(0.0525, 0.1406), Table(100.0, 100.0, pockets=False)
 
 
@@ -96,7 +94,7 @@ def test_it_keeps_the_contract(contract: str) -> None:
     assert kept(KIND, contract) == []
 
 
-def speeds(**values: float) -> Array:
+def speeds(**values: float) -> np.ndarray:
     """Speeds of a ball that starts rolling at 1 m/s along x, with the effect at these values: (21,) [m/s], for 1 s."""
     spin = np.array([[0.0, 1.0 / BALL.radius, 0.0]])
     shot = Shot(("cue",), np.zeros((1, 2)), np.array([[1.0, 0.0]]), spin, np.linspace(0, 1, 21))
