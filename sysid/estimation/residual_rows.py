@@ -252,15 +252,6 @@ def _hold_last(track, played, seen, potted, start):  # type: ignore[no-untyped-d
 
 
 @compiled_within
-def _report(track, seen, n, position, velocity):  # type: ignore[no-untyped-def]
-    """Places and velocities of a track, of which the camera reports places."""
-    for k in range(seen):
-        for i in range(n):
-            position[k, i, 0], position[k, i, 1] = track[k, i, 0], track[k, i, 1]
-            velocity[k, i, 0], velocity[k, i, 1] = track[k, i, 2], track[k, i, 3]
-
-
-@compiled_within
 def _write_row(out, w, seen, track, samples, weighting):  # type: ignore[no-untyped-def]
     """Residuals of shot w: places and angles against its samples, over their standard deviations."""
     count, at, xy, theta = samples.count[w], samples.at[w], samples.xy[w], samples.theta[w]
@@ -358,7 +349,7 @@ def residual_rows(first, last, states, samples, weighting, game, rows):  # type:
             ends[row, :n] = track[seen - 1, :n, :7]
         _hold_last(track, work.cursor[0], seen, arrays.potted[:n], start)
         if observe.shape[0] > 0:
-            _report(track, seen, n, position, velocity)
+            position[:seen, :n], velocity[:seen, :n] = track[:seen, :n, :2], track[:seen, :n, 2:4]
             see(position[:seen, :n], velocity[:seen, :n], moment, session[w], here, observe)
             track[:seen, :n, :2] = position[:seen, :n]
         _write_row(out[row], w, seen, track, samples, weighting)

@@ -14,7 +14,7 @@ from sysid.vision.camera.pose import CameraFit, distances, fit_camera, moved
 from sysid.vision.camera.projection import Array, Camera
 
 MAX_BEND_M = 2e-3  # of a side from its line,
-MAX_BEND_PX = 0.75  # or this if it is more
+MAX_BEND_PX = 0.75  # or this if it is more; edges err by it, so another size of the table must explain more
 MAX_OUTLINE_STEP_M = 0.015  # of the end of the cloth behind one nose relative to the others
 MAX_PLACE_SD_M = 3e-3  # of a place on the table, at worst,
 MAX_RMS_SD_M = 2.5e-3  # and rms over it
