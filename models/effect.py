@@ -72,6 +72,7 @@ class Effect:
     first: ClassVar[bool] = False  # it says what the cloth carries, before the others push
     last: ClassVar[bool] = False  # its forces react to what the others apply
     plain: ClassVar[bool] = False  # its edit of the MJCF is the same whatever its parameters
+    beside: ClassVar[tuple[str, ...]] = ()  # effects of which it needs one: alone it changes nothing
     resolves: ClassVar[str] = ""  # the kind of impact whose contact it takes over from MuJoCo: "ball" or "cushion"
 
     @classmethod

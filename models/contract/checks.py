@@ -19,6 +19,7 @@ import numpy as np
 
 from models.contract.switches import jump_of
 from models.effect import Effect
+from models.effect_catalogue import effect_class
 from models.engine.play import lacking
 from models.files import scratch_folder
 from models.hooks import COMPILED_HOOKS, HookError, address
@@ -72,10 +73,11 @@ def tried(kind: type[Effect], key: str) -> Array:
 
 
 def base_without(kind: type[Effect]) -> Model:
-    """The full model without the effects that the effect would replace."""
+    """The full model without the effects that the effect would replace, but with one that it acts on."""
     model = full_model(TABLE, BALL)
     kept = [e for e in model.effects if e.name() != kind.name() and (not kind.slot or e.slot != kind.slot)]
-    return dataclasses.replace(model, effects=tuple(kept))
+    acted_on = [effect_class(name)() for name in kind.beside[:1]]
+    return dataclasses.replace(model, effects=(*kept, *acted_on))
 
 
 def switched_off(kind: type[Effect]) -> Effect:

@@ -28,9 +28,9 @@ from models.analytic.spring import (
 )
 from models.compiled import compiled, compiled_in_place
 from models.engine import columns as col
-from models.engine.curve import push
+from models.engine.curve import push, see
 from models.engine.gaps import line_gap, meets
-from models.engine.impacts import ask, describe
+from models.engine.impacts import ask, describe, followed, is_pressed
 from models.engine.motion import POTTED, pot
 from models.engine.touch import BALL, CUSHION, MOUTH_DEPTH_M, POCKET
 from models.engine.workspace import Contact, Flags, Index
@@ -63,7 +63,7 @@ class Springs(NamedTuple):
     second: Index  # (c,) other ball, or -1 - the number of a rail or jaw
     near: Index  # (c,) those that are looked at in every step, in order
     gives_back: Array  # (c,) restitution
-    mu: Array  # (c, 4) friction, gain, decay and nose, as in `ContactLaw`
+    mu: Array  # (c, 5) friction, gain, decay and nose, as in `ContactLaw`, and how the cloth's follows what changes it
     peak: Array  # (c,) largest approach speed [m/s]
     given: Array  # (c,) depth that is nobody's work [m]
     deepest: Array  # (c,) largest depth beyond that [m]
@@ -78,11 +78,9 @@ class Springs(NamedTuple):
 def _flow(b, r, forces, cloth, now, dv):  # type: ignore[no-untyped-def]
     """Set the changes dv (5,) of a ball's velocity and spin to what cloth and effects do to it in a step."""
     radius = r[rec.RADIUS]
-    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    see(b, r, now)
+    ux, uy = r[rec.SLIP_X], r[rec.SLIP_Y]
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] ** 2 + b[col.VY] ** 2)
-    r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY] = b[col.X], b[col.Y], b[col.VX], b[col.VY]
-    r[rec.WX], r[rec.WY], r[rec.WZ], r[rec.SLIP_X], r[rec.SLIP_Y] = b[col.WX], b[col.WY], b[col.WZ], ux, uy
-    r[rec.TIME], r[rec.ROLLED] = now, b[col.ROLLED]
     mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
     r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, forces)
@@ -215,7 +213,7 @@ def through(balls, now, until, geometry, laws, record, hit):  # type: ignore[no-
     contacts = n * (n - 1) // 2 + rails * n
     springs = Springs(
         np.empty(contacts, np.int64), np.empty(contacts, np.int64), np.empty(contacts, np.int64), np.zeros(contacts),
-        np.zeros((contacts, 4)), np.zeros(contacts), np.zeros(contacts), np.zeros(contacts),
+        np.zeros((contacts, 5)), np.zeros(contacts), np.zeros(contacts), np.zeros(contacts),
         np.zeros(contacts, np.bool_), np.ones(n), np.zeros((n, 5)), np.zeros((3, 10)), hit,
     )  # fmt: skip
     return _through(springs, balls, now, until, geometry, laws, record)
@@ -251,7 +249,7 @@ def _begin_impact(springs, c, contact, now, laws, record):  # type: ignore[no-un
     ask(hit, laws.forces.own, laws.impact)
     springs.gives_back[c] = hit[rec.RESTITUTION]
     mu[c, 0], mu[c, 1], mu[c, 2] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY]
-    mu[c, 3] = hit[rec.NOSE]
+    mu[c, 3], mu[c, 4] = hit[rec.NOSE], hit[rec.CLOTH_SHARE]
     heavier[i] = hit[rec.MASS_FIRST]
     if j >= 0:
         heavier[j] = hit[rec.MASS_SECOND]
@@ -354,9 +352,11 @@ def _through(springs, balls, now, until, geometry, laws, record):  # type: ignor
             moved = one if cushion else one / (1.0 + heavier[i] / heavier[j])
             dp = SPRING_STEP_S * moved * push_apart
             masses = one, one if cushion else mass * heavier[j]
-            law = ContactLaw(
-                mu[c, 0], mu[c, 1], mu[c, 2], mu[c, 3], laws.cloth[0], radius, level, 0.0, 0.0, NOT_HELD
-            )  # fmt: skip
+            cloth = laws.cloth[0]
+            if mu[c, 4] != 0.0 and laws.forces.hooks.shape[0] > 0:
+                under = i if cushion or is_pressed(b[i], b[j], nx, ny) else j
+                cloth = followed(cloth, records[under, rec.SLIDE_FACTOR], mu[c, 4])
+            law = ContactLaw(mu[c, 0], mu[c, 1], mu[c, 2], mu[c, 3], cloth, radius, level, 0.0, 0.0, NOT_HELD)
             press(b, contact, dp, masses, law, dv, work)
         _sample(balls, dv, now, until, record)
         room = _go(b, dv, kind, room)

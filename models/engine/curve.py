@@ -147,15 +147,35 @@ def _sets_off(r, forces, roll):  # type: ignore[no-untyped-def]
 
 
 @compiled_in_place
+def see(b, r, now):  # type: ignore[no-untyped-def]
+    """Put what effects see of a ball in row b, as it slides, into its record r."""
+    radius = r[rec.RADIUS]
+    r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY] = b[col.X], b[col.Y], b[col.VX], b[col.VY]
+    r[rec.WX], r[rec.WY], r[rec.WZ], r[rec.ROLLED] = b[col.WX], b[col.WY], b[col.WZ], b[col.ROLLED]
+    r[rec.SLIP_X], r[rec.SLIP_Y] = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    r[rec.TIME], r[rec.ROLLING] = now, 0.0
+
+
+@compiled_in_place
+def slide_factor_in_impact(b, r, lost, forces, now):  # type: ignore[no-untyped-def]
+    """Factor on the cloth's sliding friction under a ball in row b while it is in an impact.
+
+    Its slip is that of the greatest compression, by when the impact has taken `lost` (x, y) [m/s] of its velocity.
+    """
+    see(b, r, now)
+    r[rec.SLIP_X], r[rec.SLIP_Y] = r[rec.SLIP_X] - lost[0], r[rec.SLIP_Y] - lost[1]
+    push(r, forces)
+    return r[rec.SLIDE_FACTOR]
+
+
+@compiled_in_place
 def _begin(b, r, forces, cloth):  # type: ignore[no-untyped-def]
     """Whether a ball slides, rolls or rests from its clock on, and the velocity and spin that it does so with."""
-    radius, now = r[rec.RADIUS], b[col.CLOCK]
+    radius = r[rec.RADIUS]
     # What the ball does is decided with what the cloth carries of it.
-    r[rec.X], r[rec.Y], r[rec.VX], r[rec.VY], r[rec.TIME] = b[col.X], b[col.Y], b[col.VX], b[col.VY], now
-    ux, uy = b[col.VX] - radius * b[col.WY], b[col.VY] + radius * b[col.WX]
+    see(b, r, b[col.CLOCK])
+    ux, uy = r[rec.SLIP_X], r[rec.SLIP_Y]
     u, v = math.sqrt(ux * ux + uy * uy), math.sqrt(b[col.VX] * b[col.VX] + b[col.VY] * b[col.VY])
-    r[rec.WX], r[rec.WY], r[rec.WZ] = b[col.WX], b[col.WY], b[col.WZ]
-    r[rec.SLIP_X], r[rec.SLIP_Y], r[rec.ROLLED], r[rec.ROLLING] = ux, uy, b[col.ROLLED], 0.0
     mode = SLIDING if u > STILL_SPEED else (ROLLING if v > STILL_SPEED else RESTING)
     r[rec.ROLLING] = 1.0 if mode == ROLLING else 0.0
     push(r, forces)

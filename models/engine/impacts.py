@@ -10,6 +10,7 @@ from models import record as rec
 from models.analytic.events import DEAD_SPEED, in_mouth
 from models.analytic.pocket import JAW_RAILS, is_facing
 from models.compiled import compiled, compiled_in_place
+from models.engine import columns as col
 from models.engine.motion import POTTED
 from models.engine.workspace import Contact
 from models.hooks import STROKE_FIELDS, Table, call_hook
@@ -48,7 +49,7 @@ def describe(h, b, contact, radius, session, time):  # type: ignore[no-untyped-d
     h[rec.RESTITUTION] = h[rec.FRICTION] = h[rec.GAIN] = h[rec.DECAY] = 0.0
     h[rec.MASS_FIRST] = h[rec.MASS_SECOND] = 1.0
     h[rec.NOSE] = NOSE_SINE
-    h[rec.COMPLIANCE] = h[rec.SINK] = h[rec.CONTACT_TIME] = 0.0
+    h[rec.COMPLIANCE] = h[rec.SINK] = h[rec.CONTACT_TIME] = h[rec.CLOTH_SHARE] = 0.0
 
 
 @compiled_in_place
@@ -128,6 +129,18 @@ def is_crowded(balls, pair, near, geometry):  # type: ignore[no-untyped-def]
             if gap < near and not (j < 0 and other == rail) and not in_mouth(b[one, 1 - k], other, half, mouths):
                 return True
     return False
+
+
+@compiled_in_place
+def followed(cloth, factor, share):  # type: ignore[no-untyped-def]
+    """Friction of the cloth within an impact, where its sliding friction `cloth` is changed by a factor elsewhere."""
+    return cloth * max(1.0 + share * (factor - 1.0), 0.0)
+
+
+@compiled_in_place
+def is_pressed(one, two, nx, ny):  # type: ignore[no-untyped-def]
+    """Whether friction between two balls presses the first onto the cloth, or else the second."""
+    return (one[col.WX] + two[col.WX]) * ny > (one[col.WY] + two[col.WY]) * nx
 
 
 @compiled_in_place

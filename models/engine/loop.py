@@ -128,7 +128,7 @@ def _impact(work, pair, speed, geometry, laws, now):  # type: ignore[no-untyped-
     """Carry two bodies through their impact; whether it leaves them pressed together, and whether they were before."""
     b, leans, (i, j, _) = work.balls.rows, work.notes.leans, pair
     known = leans[i] > now or (j >= 0 and leans[j] > now)
-    slow = collide_alone(b, pair, known, geometry, laws, work.impact, now)
+    slow = collide_alone(work.balls, pair, known, geometry, laws, work.impact, now)
     if not slow:
         stays_in = work.impact.hit[rec.CONTACT_TIME]
         delay_rebound(b[i], b[i, col.VX :], pair.rail, stays_in, laws.cloth[0], geometry)

@@ -21,8 +21,9 @@ from models.analytic.pocket import outward
 from models.compiled import compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M
+from models.engine.curve import slide_factor_in_impact
 from models.engine.gaps import rail_gap
-from models.engine.impacts import ask, describe, part
+from models.engine.impacts import ask, describe, followed, is_pressed, part
 from models.engine.motion import POTTED
 from models.engine.workspace import Contact, Pair
 from models.shot import GRAVITY
@@ -33,12 +34,30 @@ PARTED_M = 1e-7  # overlap that may remain between them, for instance after a co
 
 
 @compiled_in_place
-def collide_alone(b, pair, leans, geometry, laws, work, now):  # type: ignore[no-untyped-def]
+def _cloth_friction(balls, pair, hit, a, laws, now):  # type: ignore[no-untyped-def]
+    """Friction of the cloth under the ball that an impact presses onto it; a: unit vector of models/analytic/impulse."""
+    if hit[rec.CLOTH_SHARE] == 0.0 or laws.forces.hooks.shape[0] == 0:
+        return laws.cloth[0]
+    b, (i, j, _), approach, ratio = balls.rows, pair, hit[rec.APPROACH], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND]
+    if j < 0:
+        pressed, lost = i, (-approach * a[1], approach * a[0])
+    elif is_pressed(b[i], b[j], a[0], a[1]):
+        share = approach / (1.0 + ratio)
+        pressed, lost = i, (share * a[0], share * a[1])
+    else:
+        share = -approach * ratio / (1.0 + ratio)
+        pressed, lost = j, (share * a[0], share * a[1])
+    factor = slide_factor_in_impact(b[pressed], balls.records[pressed], lost, laws.forces, now)
+    return followed(laws.cloth[0], factor, hit[rec.CLOTH_SHARE])
+
+
+@compiled_in_place
+def collide_alone(balls, pair, leans, geometry, laws, work, now):  # type: ignore[no-untyped-def]
     """Carry the bodies of a `Pair` through their impact by its impulse; returns whether they lean from now on.
 
     `leans`: whether they have leant before; `work`: an `ImpactWork`, whose record is that of the impact afterwards.
     """
-    (i, j, rail), (state, hit), radius = pair, work, geometry.radius
+    b, (i, j, rail), (state, hit), radius = balls.rows, pair, work, geometry.radius
     if j < 0:
         bx, by = outward(rail, b[i, col.X], b[i, col.Y], geometry.jaws)
         ax, ay = by, -bx
@@ -56,8 +75,9 @@ def collide_alone(b, pair, leans, geometry, laws, work, now):  # type: ignore[no
         state[o], state[o + 1] = q[col.VX] * ax + q[col.VY] * ay, q[col.VX] * bx + q[col.VY] * by
         state[o + 2], state[o + 3] = q[col.WX] * ax + q[col.WY] * ay, q[col.WX] * bx + q[col.WY] * by
         state[o + 4] = q[col.WZ]
+    cloth = _cloth_friction(balls, pair, hit, (ax, ay), laws, now)
     law = ImpactLaw(
-        0.0 if slow else hit[rec.RESTITUTION], hit[rec.FRICTION], laws.cloth[0], hit[rec.GAIN], hit[rec.DECAY],
+        0.0 if slow else hit[rec.RESTITUTION], hit[rec.FRICTION], cloth, hit[rec.GAIN], hit[rec.DECAY],
         hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND], hit[rec.NOSE], hit[rec.COMPLIANCE], hit[rec.SINK],
     )  # fmt: skip
     collide(j < 0, state, law, radius, MIN_STEPS)
@@ -97,7 +117,7 @@ def _sweep(balls, touched, geometry, laws, work, now):  # type: ignore[no-untype
             pair = Pair(q, p, none)
             speed = approach_speed(b, pair, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
-                collide_alone(b, pair, True, geometry, laws, work, now)
+                collide_alone(balls, pair, True, geometry, laws, work, now)
                 touched[p] = touched[q] = True
                 most = max(most, speed)
         if not touched[p]:
@@ -108,7 +128,7 @@ def _sweep(balls, touched, geometry, laws, work, now):  # type: ignore[no-untype
             pair = Pair(p, none, rail)
             speed = approach_speed(b, pair, jaws)
             if SETTLED_SPEED < speed < LEAN_SPEED:
-                collide_alone(b, pair, True, geometry, laws, work, now)
+                collide_alone(balls, pair, True, geometry, laws, work, now)
                 most = max(most, speed)
     return max(most, _roll(b, touched, laws.cloth, radius))
 

@@ -25,12 +25,13 @@ from models.analytic.spring import (
 from models.compiled import compiled_in_place
 from models.engine import columns as col
 from models.engine.cluster import CROWD_GAP_M, ContactLaw, press
-from models.engine.impacts import RAIL_OF_JAW, ask, describe
+from models.engine.impacts import RAIL_OF_JAW, ask, describe, followed, is_pressed
 from models.engine.workspace import Contact
 from models.hooks import Array
 from models.mujoco import layout as at
 from models.mujoco.memory import (
     BALL,
+    CLOTH_SHARE,
     CONTACT_MEMORY,
     DECAY,
     DEEPEST,
@@ -77,6 +78,7 @@ class Step(NamedTuple):
     b: Array  # (n, COLUMN_COUNT) their rows, as the engine has them
     dv: Array  # (n, 5) changes of velocity and spin
     masses: Array  # (n,) [kg]
+    slide_factors: Array  # (n,) on the cloth's sliding friction under each
     radius: float  # [m]
     now: float  # since the strike [s]
     length: float  # of the step [s]
@@ -160,7 +162,7 @@ def _ask_effects(kept, contact, laws, step):  # type: ignore[no-untyped-def]
     e = hit[rec.RESTITUTION]
     kept[GIVES_BACK] = e
     kept[MU], kept[GAIN], kept[DECAY], kept[SINE] = hit[rec.FRICTION], hit[rec.GAIN], hit[rec.DECAY], hit[rec.NOSE]
-    kept[SINK], kept[SOFT] = hit[rec.SINK], hit[rec.COMPLIANCE]
+    kept[SINK], kept[SOFT], kept[CLOTH_SHARE] = hit[rec.SINK], hit[rec.COMPLIANCE], hit[rec.CLOTH_SHARE]
     longer = 2.0 * hit[rec.CONTACT_TIME] / (1.0 + e) / CUSHION_TIME
     kept[STIFFNESS] = 1.0 / longer**2 if longer > 1.0 else 1.0
 
@@ -230,8 +232,12 @@ def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     hold = NOT_HELD
     if cushion and kept[SOFT] > MIN_COMPLIANCE:
         hold = _hold_along_face(kept, contact, step, passes, force, moved)
+    cloth = laws.cloth[0]
+    if kept[CLOTH_SHARE] != 0.0:
+        under = i if cushion or is_pressed(b[i], b[j], nx, ny) else j
+        cloth = followed(cloth, step.slide_factors[under], kept[CLOTH_SHARE])
     law = ContactLaw(
-        kept[MU], kept[GAIN], kept[DECAY], kept[SINE], laws.cloth[0], radius, across, kept[DOWN], kept[SINK], hold
+        kept[MU], kept[GAIN], kept[DECAY], kept[SINE], cloth, radius, across, kept[DOWN], kept[SINK], hold
     )  # fmt: skip
     down = press(b, contact, dp, (masses[i], masses[i] if cushion else masses[j]), law, dv, step.work)
     if fresh:

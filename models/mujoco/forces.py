@@ -181,6 +181,8 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     begin += 8 * n * col.COLUMN_COUNT
     dv = carray(mem.doubles(begin), (n, 5))
     begin += 8 * n * 5
+    slide_factors = carray(mem.doubles(begin), n)
+    begin += 8 * n
     r = carray(mem.doubles(begin), rec.BALL_FIELDS)
     begin += 8 * rec.BALL_FIELDS
     hit = carray(mem.doubles(begin), rec.IMPACT_FIELDS)
@@ -232,6 +234,7 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
     since = now - head[mem.STRUCK_AT]
     for i in range(n):
         balls[i, mem.MORE_ROLLED] = 0.0
+        slide_factors[i] = 1.0
         if balls[i, mem.SUNK] > 0.0:
             _hang(coordinates, i, masses[i], numbers)
             continue
@@ -246,12 +249,13 @@ def act(model, data, where, table_at):  # type: ignore[no-untyped-def]
             flows, r[rec.TIME] = step, since
         if coast(r, b[i], laws, native, flows, dv[i]):
             balls[i, mem.MORE_ROLLED] = step * math.sqrt(b[i, col.VX] ** 2 + b[i, col.VY] ** 2) / radius
+        slide_factors[i] = r[rec.SLIDE_FACTOR]
         if felt[i] >= 0 and not native:  # what the slate bore in the step before
             load = mem.doubles(mem.longs(data + o[at.DATA_SENSORDATA])[0] + 8 * felt[i])[0] - masses[i] * GRAVITY
             _rub(b[i], load, cloth[0], step, masses[i], radius, dv[i])
 
     # Impacts.
-    now_step = Step(b, dv, masses, radius, since, step, fresh, hit, work)
+    now_step = Step(b, dv, masses, slide_factors, radius, since, step, fresh, hit, work)
     for c in range(ncon):
         place = contact_at + c * o[at.CONTACT_SIZE]
         meeting = read_contact(place, o, geoms)

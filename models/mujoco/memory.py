@@ -43,11 +43,11 @@ ROLLED, MORE_ROLLED, TURNED, SUNK, STAYS, BALL_MEMORY = range(6)
 # Of each contact: of a rail, what part of it touches, 1 + its number; largest approach speed [m/s], overlap that is
 # nobody's work and largest depth [m], restitution, stiffness over the usual; share of a push that the slate does not
 # return, the speed [m/s] and way [m] down that this stands for; compliance and extensions [m] along the face; friction,
-# nose.
+# nose; how the cloth's friction follows what changes it.
 (
     PART, PEAK, GIVEN, DEEPEST, GIVES_BACK, STIFFNESS, SINK, DOWN, LOWERED, SOFT, STRETCH_ALONG, STRETCH_UP, MU, GAIN,
-    DECAY, SINE, CONTACT_MEMORY,
-) = range(17)  # fmt: skip
+    DECAY, SINE, CLOTH_SHARE, CONTACT_MEMORY,
+) = range(18)  # fmt: skip
 WORK_SIZE: Final = 3 * 10
 
 # A record: how many samples and events there is room for, how many there are; then times, samples, events of the kinds
@@ -63,7 +63,7 @@ def contact_count(balls: int) -> int:
 
 def memory_size(balls: int) -> int:
     """Size of the memory of a simulation, with work space."""
-    each = BALL_MEMORY + col.ROW_SIZE + col.COLUMN_COUNT + 5
+    each = BALL_MEMORY + col.ROW_SIZE + col.COLUMN_COUNT + 5 + 1
     work = rec.BALL_FIELDS + rec.IMPACT_FIELDS + WORK_SIZE
     return HEAD_SIZE + balls * each + contact_count(balls) * CONTACT_MEMORY + work
 

@@ -81,6 +81,7 @@ class Constants(NamedTuple):
     ripple_phi: float = 0.0  # [rad]
     slide_swerve: float = 0.0  # lateral acceleration of a sliding ball per sidespin and speed [1]
     cue_mus: float = 0.0  # mus of the struck ball is higher by this share [1]
+    follow: float = 0.0  # share of what changes mus outside impacts that does so within them [1]
     cue_mur: float = 0.0  # mur of the struck ball is higher by this share [1]
     lens4: float = 0.0  # image shrinks by a further lens4 r^4 [1/m^4]
     patch: float = 0.0  # share by which rolling and sliding friction is higher on a worn patch [1]
@@ -153,6 +154,25 @@ def _spin_decay(s: Array, c: Constants) -> float:
 
 
 @njit(cache=True)
+def _sliding_friction(s: Array, ux: float, uy: float, c: Constants) -> float:
+    """Sliding friction over slip speed of a ball whose lowest point slips at (ux, uy) [s/m]."""
+    twist = c.contensou * s[WZ]
+    total = np.sqrt(ux * ux + uy * uy + twist * twist)
+    mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * _worn(s, c)
+    mus *= 1.0 + s[STRUCK] * c.cue_mus
+    return mus / total if total > 0.0 else 0.0
+
+
+def friction_within(s: Array, lost: Array, c: Constants) -> float:
+    """Sliding friction under a ball that an impact presses, when that has taken the velocity lost (2,) from it [1]."""
+    if c.follow == 0.0:
+        return c.mus
+    ux, uy = s[VX] - lost[0] - c.radius * s[WY], s[VY] - lost[1] + c.radius * s[WX]
+    own = _sliding_friction(s, ux, uy, c) * np.hypot(ux, uy)
+    return c.mus + c.follow * (own - c.mus)
+
+
+@njit(cache=True)
 def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, float]:
     """Rates of (vx, vy, wx, wy) and the deceleration of the sidespin of a sliding ball [m/s^2, rad/s^2].
 
@@ -163,9 +183,7 @@ def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, fl
     uy = s[VY] + c.radius * s[WX]
     twist = c.contensou * s[WZ]
     total = np.sqrt(ux * ux + uy * uy + twist * twist)
-    mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * _worn(s, c)
-    mus *= 1.0 + s[STRUCK] * c.cue_mus
-    friction = mus * GRAVITY / total if total > 0.0 else 0.0
+    friction = GRAVITY * _sliding_friction(s, ux, uy, c)
     side, speed = c.slide_swerve * s[WZ], np.hypot(s[VX], s[VY])
     gripped = friction * np.hypot(ux, uy)  # Coulomb: no more across than there is against the slip
     if abs(side) * speed > gripped:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.truth.cloth import (
+    friction_within,
     AIR,
     BALL,
     CUSHION,
@@ -185,8 +186,12 @@ def _collide(state: Array, i: int, j: int, grip: float, c: Constants, n: int) ->
     line = state[j, :2] - state[i, :2]
     x, y = line / np.hypot(*line)
     q = _turned(state[[i, j], VX : WZ + 1], x, y)
-    e = ball_restitution(float(q[0, 0] - q[1, 0]), c)
-    q = impact(BALLS, q, e, (grip * ball_friction(q, c), 0.0, 0.0), c.mus, _masses(state[[i, j]], c), c.radius, n)
+    approach, mass = float(q[0, 0] - q[1, 0]), _masses(state[[i, j]], c)
+    e = ball_restitution(approach, c)
+    first = q[0, 3] + q[1, 3] < 0.0  # friction presses it, and else the second
+    lost = approach * mass[1] / mass.sum() if first else -approach * mass[0] / mass.sum()
+    mus = friction_within(state[i if first else j], lost * np.array([x, y]), c)
+    q = impact(BALLS, q, e, (grip * ball_friction(q, c), 0.0, 0.0), mus, mass, c.radius, n)
     state[[i, j], VX : WZ + 1] = _turned(q, x, -y)
 
 
@@ -199,11 +204,11 @@ def _rebound(state: Array, i: int, rail: int, table: Table, c: Constants, n: int
     along = float(state[i, 1 - rail // 2]) / ((table.width if rail < 2 else table.length) / 2)
     e, mu = cushion_restitution(speed, c, rail, along), (cushion_friction(speed, c, rail), 0.0, 0.0)
     sine = NOSE_SINE + c.nose + (c.nose_px, c.nose_mx, c.nose_py, c.nose_my)[rail]
-    mass = _masses(state[[i, i]], c)
+    mass, mus = _masses(state[[i, i]], c), friction_within(state[i], speed * np.array([x, y]), c)
     if c.compliance > 0.0:
-        q = springs(q, e, mu[0], c.mus, float(mass[0]), c.radius, n, sine, c.compliance, c.bed)
+        q = springs(q, e, mu[0], mus, float(mass[0]), c.radius, n, sine, c.compliance, c.bed)
     else:
-        q = impact(NOSE, q, e, mu, c.mus, mass, c.radius, n, sine, c.bed)
+        q = impact(NOSE, q, e, mu, mus, mass, c.radius, n, sine, c.bed)
     state[[i], VX : WZ + 1] = _turned(q[:1], x, -y)
     # A ball that leaves later has its way back from where it would have been, slowed by the cloth.
     away, slowing = max(-float(q[0, 0]), 0.0), c.mus * GRAVITY
