@@ -20,7 +20,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from models.analytic.crossings import until_bend, until_edge, until_line
+from models.analytic.crossings import Gaps, nearer, until_bend, until_gap
+from models.analytic.crossings import until_edge as until_edge  # also for files of effects that name them here
+from models.analytic.crossings import until_line as until_line
+from models.analytic.factors import ABOVE, BEND, BOX, HAT, PRODUCT, FactorArguments, TermRow, factor_value
 from models.compiled import compiled
 from models.effect import (
     MIN_FRICTION_SHARE,
@@ -44,55 +47,6 @@ TERM_HOOKS = (
 DRAG, GRIP, PUSH_X, PUSH_Y, SIDE, CUSHION_E, CUSHION_MU, BALL_E, BALL_MU, IMAGE_X, IMAGE_Y = range(1, 12)
 CLOTH, IMPACTS, IMAGE = range(DRAG, SIDE + 1), range(CUSHION_E, BALL_MU + 1), range(IMAGE_X, IMAGE_Y + 1)
 HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
-
-# Factors, of constants a, b, c, d; "v" is the variable of code a (models/variables.py).
-(
-    ONE,
-    BOX,  # 1 where |x - a| <= b and |y - c| <= d [m]
-    COS,  # cos(a heading)
-    SIN,  # sin(a heading)
-    VARIABLE,  # (v - b)^c
-    ABOVE,  # 1 where v > b
-    EQUAL,  # 1 where v = b
-    DECAY,  # exp(-v / b)
-    HAT,  # 1 where v = b, falling to 0 at b - c and b + c; with d = 1 it stays 1 below b, with -1 above
-    TWIST,  # |omega_z| [rad/s]
-    SPIN_COS,  # omega_z cos(heading) [rad/s]
-    SPIN_SIN,  # omega_z sin(heading) [rad/s]
-    POWER,  # x^a y^b (x^2 + y^2)^c
-    ALONG_RAIL,  # power a of the distance from the middle of a rail [m]
-    WITH,  # 1 where ball a takes part
-    PRODUCT,  # v, here the product of the variables of codes a and b
-    BEND,  # how far v is above b, or with c = -1 below it; 0 on the other side
-) = range(17)
-
-
-class TermRow(NamedTuple):
-    """A term as compiled code reads it."""
-
-    coefficient: float
-    door: float  # quantity that it changes; 0 behind the last term
-    factor: float
-    a: float
-    b: float
-    c: float
-    d: float
-    within: float  # variable of the condition under which the term acts; NONE without one
-    which: float  # value of that variable
-    side: float  # 0: at that value alone; 1: above it; -1: below it
-
-
-class FactorArguments(NamedTuple):
-    """What a factor depends on: a ball, an impact of ball `first` with ball or rail `second`, or an image."""
-
-    v: float  # the factor's variable
-    x: float  # [m]
-    y: float
-    heading: float  # [rad]
-    wz: float  # [rad/s]
-    first: float
-    second: float
-
 
 TERM_FIELDS = TermRow._fields
 TERM_SIZE = len(TERM_FIELDS)
@@ -140,47 +94,6 @@ class Part:
     def has_line(self) -> bool:
         """Whether it steps, bends or ends at a line of the table."""
         return (self.factor in (ABOVE, BEND) and self.constants[0] in (X, Y)) or self.only.variable in (X, Y)
-
-
-@compiled
-def factor_value(term: TermRow, at: FactorArguments) -> float:
-    """The factor of a term."""
-    _, _, factor, a, b, c, d, _, _, _ = term
-    v, x, y, heading, wz, first, second = at
-    if factor == BOX:
-        return 1.0 if abs(x - a) <= b and abs(y - c) <= d else 0.0
-    if factor == COS:
-        return math.cos(a * heading)
-    if factor == SIN:
-        return math.sin(a * heading)
-    if factor == VARIABLE:
-        return (v - b) ** int(c)
-    if factor == ABOVE:
-        return 1.0 if v > b else 0.0
-    if factor == EQUAL:
-        return 1.0 if v == b else 0.0
-    if factor == DECAY:
-        return math.exp(-v / b)
-    if factor == HAT:
-        away = (v - b) / c
-        return min(max(1.0 - (abs(away) if d == 0.0 else d * away), 0.0), 1.0)
-    if factor == TWIST:
-        return abs(wz)
-    if factor == SPIN_COS:
-        return wz * math.cos(heading)
-    if factor == SPIN_SIN:
-        return wz * math.sin(heading)
-    if factor == POWER:
-        return x ** int(a) * y ** int(b) * (x * x + y * y) ** int(c)
-    if factor == ALONG_RAIL:
-        return (abs(y) if second < 2.0 else abs(x)) ** int(a)
-    if factor == WITH:
-        return 1.0 if first == a or second == a else 0.0
-    if factor == PRODUCT:
-        return v
-    if factor == BEND:
-        return max(c * (v - b), 0.0)
-    return 1.0
 
 
 @compiled
@@ -241,20 +154,20 @@ def shift(door: float, value: float, image: ImageState) -> None:
 def _of_ball(term: TermRow, ball: BallState) -> float:
     if term.within != NONE and not _acts(term, of_ball(term.within, ball)):
         return 0.0
-    v, heading = of_ball(term.a, ball), math.atan2(ball.vy, ball.vx)
+    v = of_ball(term.a, ball)
     if term.factor == PRODUCT:
         v *= of_ball(term.b, ball)
-    return factor_value(term, FactorArguments(v, ball.x, ball.y, heading, ball.wz, ball.number, -1.0))
+    return factor_value(term, FactorArguments(v, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.number, -1.0))
 
 
 @compiled
 def _of_impact(term: TermRow, hit: ImpactState) -> float:
     if term.within != NONE and not _acts(term, of_impact(term.within, hit)):
         return 0.0
-    v, heading = of_impact(term.a, hit), math.atan2(hit.vy, hit.vx)
+    v = of_impact(term.a, hit)
     if term.factor == PRODUCT:
         v *= of_impact(term.b, hit)
-    return factor_value(term, FactorArguments(v, hit.x, hit.y, heading, hit.wz, hit.first, hit.second))
+    return factor_value(term, FactorArguments(v, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.first, hit.second))
 
 
 @dataclass(frozen=True)
@@ -324,19 +237,31 @@ class Formula(Effect):
 
     def horizon(self, ball: BallState) -> float:
         """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
-        left = math.inf
+        left, across_x, across_y = math.inf, Gaps(math.inf, -math.inf), Gaps(math.inf, -math.inf)
         for k in range(MAX_TERMS):
             _, door, factor, a, b, c, d, within, which, _ = _term(self, k)
             if door == 0.0:
                 break
-            if DRAG <= door <= SIDE and within in (X, Y):
-                left = min(left, until_line(ball, within, which))
-            if DRAG <= door <= SIDE and factor == BOX:
-                left = min(left, until_edge(ball, a, b, c, d))
-            elif DRAG <= door <= SIDE and factor in (ABOVE, BEND):
-                left = min(left, until_line(ball, a, b))
-            elif DRAG <= door <= SIDE and factor == HAT:
-                left = min(left, until_bend(ball, a, b, c))
+            if not DRAG <= door <= SIDE:
+                continue
+            if within == X:
+                across_x = nearer(across_x, which - ball.x)
+            elif within == Y:
+                across_y = nearer(across_y, which - ball.y)
+            if factor == BOX:
+                across_x = nearer(nearer(across_x, a - b - ball.x), a + b - ball.x)
+                across_y = nearer(nearer(across_y, c - d - ball.y), c + d - ball.y)
+            elif factor in (ABOVE, BEND, HAT):
+                half = c if factor == HAT else 0.0
+                if a == X:
+                    across_x = nearer(nearer(nearer(across_x, b - half - ball.x), b - ball.x), b + half - ball.x)
+                elif a == Y:
+                    across_y = nearer(nearer(nearer(across_y, b - half - ball.y), b - ball.y), b + half - ball.y)
+                elif factor == HAT:
+                    left = min(left, until_bend(ball, a, b, c))
+        if ball.vx * ball.vx + ball.vy * ball.vy > 0.0:
+            left = min(left, until_gap(across_x, ball.vx, ball.ax))
+            left = min(left, until_gap(across_y, ball.vy, ball.ay))
         return left
 
     def impact(self, hit: ImpactState) -> None:
@@ -350,7 +275,7 @@ class Formula(Effect):
 
     def observe(self, image: ImageState) -> None:
         """What the camera reports."""
-        dx, dy, heading = 0.0, 0.0, math.atan2(image.vy, image.vx)
+        dx, dy = 0.0, 0.0
         for k in range(MAX_TERMS):
             term = _term(self, k)
             if term.door == 0.0:
@@ -360,7 +285,9 @@ class Formula(Effect):
                 v = of_image(term.a, image)
                 if term.factor == PRODUCT:
                     v *= of_image(term.b, image)
-                value = factor_value(term, FactorArguments(v, image.x, image.y, heading, 0.0, image.number, -1.0))
+                value = factor_value(
+                    term, FactorArguments(v, image.x, image.y, image.vx, image.vy, 0.0, image.number, -1.0)
+                )
                 if term.door == IMAGE_X:
                     dx += term.coefficient * value
                 else:

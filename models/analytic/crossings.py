@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from models.compiled import compiled
 from models.effect import EDGE_OVERSHOOT_M, BallState
@@ -20,6 +21,30 @@ def _until(gap: float, speed: float, acceleration: float) -> float:
     first = 2.0 * way / both if both != 0.0 else math.inf
     second = -both / acceleration if acceleration != 0.0 else math.inf
     return min(first if first > 0.0 else math.inf, second if second > 0.0 else math.inf)
+
+
+class Gaps(NamedTuple):
+    """How far the nearest lines across an axis lie from a ball [m]."""
+
+    ahead: float = math.inf  # towards the axis's positive side, or on it
+    behind: float = -math.inf
+
+
+@compiled
+def nearer(gaps: Gaps, gap: float) -> Gaps:
+    """The nearest lines, with one more."""
+    return Gaps(min(gaps.ahead, gap), gaps.behind) if gap >= 0.0 else Gaps(gaps.ahead, max(gaps.behind, gap))
+
+
+@compiled
+def until_gap(gaps: Gaps, speed: float, acceleration: float) -> float:
+    """When a ball first crosses one of them: of those on one side that is the nearest [s]; inf if never."""
+    left = math.inf
+    if gaps.ahead < math.inf:
+        left = _until(gaps.ahead, speed, acceleration)
+    if gaps.behind > -math.inf:
+        left = min(left, _until(gaps.behind, speed, acceleration))
+    return left
 
 
 @compiled

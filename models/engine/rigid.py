@@ -35,7 +35,7 @@ PARTED_M = 1e-7  # overlap that may remain between them, for instance after a co
 
 @compiled_in_place
 def _cloth_friction(balls, pair, hit, a, laws, now):  # type: ignore[no-untyped-def]
-    """Friction of the cloth under the ball that an impact presses onto it; a: unit vector of models/analytic/impulse."""
+    """Friction of the cloth under the ball that an impact presses onto it; a: axis of models/analytic/impulse.py."""
     if hit[rec.CLOTH_SHARE] == 0.0 or laws.forces.hooks.shape[0] == 0:
         return laws.cloth[0]
     b, (i, j, _), approach, ratio = balls.rows, pair, hit[rec.APPROACH], hit[rec.MASS_FIRST] / hit[rec.MASS_SECOND]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Generic
@@ -241,12 +241,20 @@ def explained_by_shape(
 def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
     """Whether a fit with a shape is likelier than one with an effect, and explains something in addition to it.
 
-    A term that equals the law of the effect explains nothing in addition, whatever progress each fit has made.
+    A term that equals the law of the effect explains nothing in addition, whatever progress each fit has made. An
+    effect with a parameter at a bound has left the law that it stands for: then it is enough to be likelier.
     """
     beside = causes(rival.view.scores(shape_candidates([shape])))[0].log_odds
     more = likelier(rival.view, rival.unknowns, view, unknowns_of_terms(shape))
     log.info("%s: log odds %.1f over the best effect, %.1f in addition to it", shape[0].group, more, beside)
-    return beside > 0.0 and more > SEPARATED_LOG_ODDS
+    return more > SEPARATED_LOG_ODDS and (beside > 0.0 or is_at_bound(rival.view, rival.unknowns))
+
+
+def is_at_bound(view: V, unknowns: Sequence[Unknown]) -> bool:
+    """Whether a parameter of a cause has gone as far as it may, where the cause does not vanish."""
+    values = dict(zip(view.names, view.point.constants, strict=True))
+    about = {one.name: view.model.meta(one.name) for one in unknowns}
+    return any(values[name] in meta["bounds"] and values[name] != meta["off"] for name, meta in about.items())
 
 
 def without_needless(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from models import formula as kinds
+from models import formula as doors
 from models.free_form import ALONE, Axis, FreeForm, free_form
 from models.model_file import full_model
 from models.shot import Array, Ball, Shot, Table
@@ -25,7 +25,7 @@ def values_at(form: FreeForm, one: Array) -> Array:
 def test_splines_are_those_of_scipy() -> None:
     rng = np.random.default_rng(1)
     axis = Axis.over("speed", 0.5, 3.0, 5)
-    made = free_form("one", kinds.DRAG, axis, ALONE, 9.0)(*rng.normal(size=axis.count))
+    made = free_form("one", doors.DRAG, axis, ALONE, 9.0)(*rng.normal(size=axis.count))
     knots = axis.low + axis.step * np.arange(-3, axis.count + 1)
     known = BSpline(knots, [getattr(made, key) for key in made.parameters()], 3)
     at = rng.uniform(0.5, 3.0, 50)
@@ -35,7 +35,7 @@ def test_splines_are_those_of_scipy() -> None:
 
 def test_a_heading_has_no_seam() -> None:
     rng = np.random.default_rng(2)
-    made = free_form("round", kinds.DRAG, Axis.around("heading", 8), ALONE, 9.0)(*rng.normal(size=8))
+    made = free_form("round", doors.DRAG, Axis.around("heading", 8), ALONE, 9.0)(*rng.normal(size=8))
     before, after = values_at(made, np.array([np.pi - 1e-9, -np.pi + 1e-9]))
     assert before == pytest.approx(after, abs=1e-6)
 
@@ -47,21 +47,21 @@ def test_a_constant_function_is_the_constant() -> None:
     base = full_model(TABLE, BALL)
     cushion = base.parameters()["cushion_impact.restitution"]
     axes = (Axis.over("x", -1.8, 1.8, 3), Axis.over("y", -0.9, 0.9, 2))
-    made = free_form("flat", kinds.CUSHION_E, *axes, 9.0)(*np.full(30, -0.1))
+    made = free_form("flat", doors.CUSHION_E, *axes, 9.0)(*np.full(30, -0.1))
     (one,) = simulate(base.add(made), [shot])
     (two,) = simulate(base.with_values({"cushion_impact.restitution": float(cushion) - 0.1}), [shot])
     np.testing.assert_allclose(one.position, two.position, atol=1e-9)
-    tilted = free_form("push", kinds.PUSH_X, Axis.around("heading", 8), ALONE, 9.0)(*np.full(8, 0.02))
+    tilted = free_form("push", doors.PUSH_X, Axis.around("heading", 8), ALONE, 9.0)(*np.full(8, 0.02))
     (moved,) = simulate(base.add(tilted), [shot])
     assert np.abs(moved.position - one.position).max() > 1e-3
 
 
 def test_it_pickles() -> None:
-    made = free_form("one", kinds.BALL_MU, Axis.counted("number", 3), ALONE, 0.5)(0.1, 0.2, 0.3)
+    made = free_form("one", doors.BALL_MU, Axis.counted("number", 3), ALONE, 0.5)(0.1, 0.2, 0.3)
     again = pickle.loads(pickle.dumps(made))
     assert again == made and type(again) is type(made)
 
 
 def test_too_many_coefficients_are_refused() -> None:
     with pytest.raises(ValueError, match="40 coefficients; give 1 to 32"):
-        free_form("wide", kinds.DRAG, Axis.over("x", 0, 1, 5), Axis.over("y", 0, 1, 2), 1.0)
+        free_form("wide", doors.DRAG, Axis.over("x", 0, 1, 5), Axis.over("y", 0, 1, 2), 1.0)

@@ -154,22 +154,12 @@ def _spin_decay(s: Array, c: Constants) -> float:
 
 
 @njit(cache=True)
-def _sliding_friction(s: Array, ux: float, uy: float, c: Constants) -> float:
+def sliding_friction(s: Array, ux: float, uy: float, c: Constants) -> float:
     """Sliding friction over slip speed of a ball whose lowest point slips at (ux, uy) [s/m]."""
     twist = c.contensou * s[WZ]
     total = np.sqrt(ux * ux + uy * uy + twist * twist)
-    mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * _worn(s, c)
-    mus *= 1.0 + s[STRUCK] * c.cue_mus
-    return mus / total if total > 0.0 else 0.0
-
-
-def friction_within(s: Array, lost: Array, c: Constants) -> float:
-    """Sliding friction under a ball that an impact presses, when that has taken the velocity lost (2,) from it [1]."""
-    if c.follow == 0.0:
-        return c.mus
-    ux, uy = s[VX] - lost[0] - c.radius * s[WY], s[VY] - lost[1] + c.radius * s[WX]
-    own = _sliding_friction(s, ux, uy, c) * np.hypot(ux, uy)
-    return c.mus + c.follow * (own - c.mus)
+    mus = max(0.05 * c.mus, c.mus * (1.0 - c.mus_v * (np.hypot(ux, uy) - 1.0))) * (1.0 + s[STRUCK] * c.cue_mus)
+    return mus * _worn(s, c) / total if total > 0.0 else 0.0
 
 
 @njit(cache=True)
@@ -179,19 +169,17 @@ def _slide_rates(s: Array, c: Constants) -> tuple[float, float, float, float, fl
     With a contensou lever b the friction is mu_s g u / sqrt(u^2 + (b omega_z)^2) and the sidespin decelerates by the
     other share, b |omega_z| over the same root: the first-order form of Contensou's law for a contact patch.
     """
-    ux = s[VX] - c.radius * s[WY]
-    uy = s[VY] + c.radius * s[WX]
+    ux, uy = s[VX] - c.radius * s[WY], s[VY] + c.radius * s[WX]
     twist = c.contensou * s[WZ]
     total = np.sqrt(ux * ux + uy * uy + twist * twist)
-    friction = GRAVITY * _sliding_friction(s, ux, uy, c)
+    friction = GRAVITY * sliding_friction(s, ux, uy, c)
     side, speed = c.slide_swerve * s[WZ], np.hypot(s[VX], s[VY])
     gripped = friction * np.hypot(ux, uy)  # Coulomb: no more across than there is against the slip
     if abs(side) * speed > gripped:
         side = np.sign(side) * gripped / speed
     fx, fy = friction * ux + side * s[VY], friction * uy - side * s[VX]
     decay = _spin_decay(s, c)
-    if c.contensou > 0.0 and total > 0.0:
-        decay *= abs(twist) / total
+    decay *= abs(twist) / total if c.contensou > 0.0 and total > 0.0 else 1.0
     ax, ay = _push(s, 1.0, c)
     return ax - fx, ay - fy, -2.5 * fy / c.radius, 2.5 * fx / c.radius, decay
 

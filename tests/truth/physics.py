@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.truth.cloth import (
-    friction_within,
     AIR,
     BALL,
     CUSHION,
@@ -25,12 +24,15 @@ from tests.truth.cloth import (
     STRUCK,
     THETA,
     VX,
+    VY,
     WIDTH,
     WX,
+    WY,
     WZ,
     Array,
     Constants,
     advance,
+    sliding_friction,
 )
 from tests.truth.impact import BALLS, INCREMENTS, NOSE, NOSE_SINE, impact, springs
 
@@ -179,6 +181,15 @@ def _turned(rows: Array, x: float, y: float) -> Array:
 def _masses(state: Array, c: Constants) -> Array:
     """Mass of each ball: (n,) [kg]."""
     return np.where(state[:, STRUCK] > 0.0, c.mass * c.cue_mass, c.mass)
+
+
+def friction_within(s: Array, lost: Array, c: Constants) -> float:
+    """Sliding friction under a ball that an impact presses, when that has taken the velocity lost (2,) from it [1]."""
+    if c.follow == 0.0:
+        return c.mus
+    ux, uy = s[VX] - lost[0] - c.radius * s[WY], s[VY] - lost[1] + c.radius * s[WX]
+    own = sliding_friction(s, ux, uy, c) * np.hypot(ux, uy)
+    return c.mus + c.follow * (own - c.mus)
 
 
 def _collide(state: Array, i: int, j: int, grip: float, c: Constants, n: int) -> None:

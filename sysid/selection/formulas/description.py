@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models import formula as kinds
+from models.analytic import factors as kinds
 from models.errors import BadInput
 from models.formula import MAX_TERMS
 from models.variables import VARIABLES

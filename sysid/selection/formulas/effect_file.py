@@ -10,7 +10,8 @@ import re
 import textwrap
 from collections.abc import Sequence
 
-from models import formula as kinds
+from models import formula as doors
+from models.analytic import factors as kinds
 from models.effect import MIN_FRICTION_SHARE
 from models.errors import BadInput
 from models.variables import SESSION_VARIABLES, X, Y
@@ -129,8 +130,8 @@ def _words(text: str) -> set[str]:
 
 def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[str, str]) -> list[str]:
     """The lines of a hook with the terms of its quantities; empty without terms."""
-    codes = {"forces": kinds.CLOTH, "impact": kinds.IMPACTS, "observe": kinds.IMAGE}[signature.partition("(")[0]]
-    here = [t for t in terms if 1 + kinds.TERM_HOOKS.index(t.quantity) in codes]
+    codes = {"forces": doors.CLOTH, "impact": doors.IMPACTS, "observe": doors.IMAGE}[signature.partition("(")[0]]
+    here = [t for t in terms if 1 + doors.TERM_HOOKS.index(t.quantity) in codes]
     if not here:
         return []
     needed = set().union(*(_words(t.factor) for t in here))
@@ -145,7 +146,7 @@ def _hook(terms: Sequence[Term], signature: str, summary: str, variables: dict[s
 
 def on_cloth(term: Term) -> bool:
     """Whether a term acts on balls on the cloth."""
-    return 1 + kinds.TERM_HOOKS.index(term.quantity) in kinds.CLOTH
+    return 1 + doors.TERM_HOOKS.index(term.quantity) in doors.CLOTH
 
 
 def lines(term: Term) -> list[tuple[int, float]]:
@@ -181,7 +182,7 @@ def _imports(body: str) -> str:
         "math": ("atan2", "cos", "exp", "hypot", "sin"),
         "dataclasses": ("dataclass",),
         "models.effect": ("BallState", "Effect", "ImageState", "ImpactState", "param", "push_along"),
-        "models.formula": ("until_bend", "until_edge", "until_line"),
+        "models.analytic.crossings": ("until_bend", "until_edge", "until_line"),
         "models.variables": ("grazing_sine",),
     }
     needed |= {"dataclass"}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from models import formula as kinds
+from models.analytic import factors as kinds
 from models.variables import SESSION_VARIABLES, VARIABLES
 
 NUMBER = r"(-?\d{1,4}(?:\.\d{1,4})?)"

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models import formula as kinds
+from models import formula as doors
 from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, SPLINE_REACH, STEPS, Axis, FreeForm, free_form
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
@@ -74,7 +74,7 @@ class Block:
 
     def effect(self, name: str | None = None) -> type[FreeForm]:
         """Its class of effects, of its name or another."""
-        return free_form(name or self.name, 1 + kinds.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
+        return free_form(name or self.name, 1 + doors.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
     @property
     def is_fine(self) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from models import formula as kinds
+from models.analytic import factors as kinds
 from sysid.selection.formulas.families import PARTS_OF_RANGE
 from sysid.selection.formulas.free_forms import Cause, cause_of, mean_odds, usual_values
 from sysid.selection.formulas.terms import Shape, effect_from_terms

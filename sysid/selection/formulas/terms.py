@@ -18,7 +18,8 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from models import formula as kinds
+from models import formula as doors
+from models.analytic import factors as kinds
 from models.effect import Effect
 from models.formula import EVERYWHERE, MovingPlace, Only, Part, formula
 from models.shot import Table
@@ -119,7 +120,7 @@ class Term:
     def part(self, value: float, source: str) -> Part:
         """The term for a formula, with a value of its coefficient."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
-        code, only = 1 + kinds.TERM_HOOKS.index(self.quantity), self.only or EVERYWHERE
+        code, only = 1 + doors.TERM_HOOKS.index(self.quantity), self.only or EVERYWHERE
         bounds = (-width, width)
         return Part(self.name, code, self.kind, self.constants, self.unit, value, bounds, source, self.places, only)
 

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 import models.effect_catalogue
+from models.analytic.factors import BEND, HAT, PRODUCT, VARIABLE, FactorArguments, TermRow, factor_value
 from models.effect_catalogue import add_folder, effect_class
 from models.errors import BadInput
-from models.formula import BEND, HAT, MAX_TERMS, PRODUCT, TERM_HOOKS, VARIABLE, FactorArguments, TermRow, factor_value
+from models.formula import MAX_TERMS, TERM_HOOKS
 from models.hooks import address, hooks_of
 from models.model_file import full_model
 from models.shot import Ball, Session, Shot, Table, Track
@@ -156,7 +157,7 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
 def values_of(shape: Shape, values: dict[str, float]) -> list[float]:
     """Factors of terms for a ball, or an impact."""
     rows = [TermRow(0.0, 0.0, float(t.kind), *t.constants, *[0.0] * 3) for t in shape]
-    return [factor_value(row, FactorArguments(values[VARIABLES[int(row.a)]], *[0.0] * 6)) for row in rows]
+    return [factor_value(row, FactorArguments(values[VARIABLES[int(row.a)]], *[0.0] * 7)) for row in rows]
 
 
 @pytest.mark.parametrize("intervals", [4, 8, 16])
@@ -221,7 +222,7 @@ def test_the_text_of_a_factor_says_what_its_code_does(quantity: str) -> None:
         if term.kind == PRODUCT:
             v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
         row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0, 0.0)
-        found = factor_value(row, FactorArguments(v, x, y, math.atan2(vy, vx), wz, first, second))
+        found = factor_value(row, FactorArguments(v, x, y, vx, vy, wz, first, second))
         if term.only is not None and not eval(condition(term.only), {"__builtins__": {}}, variables):
             found = 0.0
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
