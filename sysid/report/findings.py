@@ -164,6 +164,10 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines.append(
             f"explains the clips used but predicts the held-out clips worse, and so is not named: {', '.join(refuted)}"
         )
+    lines += [
+        f"{name} is not named, as {clip} alone shows it: film more shots like that one"
+        for name, clip in found.shown_once.items()
+    ]
     if not found.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
     return lines + shot_lines(found.next_shots)

@@ -76,6 +76,7 @@ class Judged(Generic[V]):
     log_odds: float  # of the fit over that without the cause
     over_scatter: float  # log odds over separate values for each shot
     over_one: float  # log odds over one shot's departing for a reason of its own, with what held-out shots gain
+    shot: int  # number of that shot
     evidence: Evidence
     held: float  # gain of log likelihood in held-out shots
 
@@ -119,6 +120,10 @@ class Threshold:
         """Whether a cause is accepted by the fitted shots."""
         return one.log_odds > self.least and min(one.over_scatter, one.over_one) > self.sure
 
+    def rests_on_one(self, one: Judged[V]) -> bool:
+        """Whether a cause is accepted but for one shot that may depart for a reason of its own."""
+        return one.in_all > self.least and one.over_scatter > self.sure >= one.over_one
+
 
 def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     """The evidence for a fit with additional parameters.
@@ -132,10 +137,11 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     sized = [one for one in unknowns if one.sized]  # all shots share a fitted place in any case
     alone = known + over_scatter(_away(more, sized), sized, *more.told_of(_rows(more, sized)))
     odds = gain + known + occam_of(more, unknowns)
-    one = over_one_shot(
+    without = over_one_shot(
         ShotLosses(before, *less.shots), ShotLosses(after, *more.shots), effect,
         known + occam_without_each(more, unknowns),
-    ) + max(held, 0.0)  # fmt: skip
+    )  # fmt: skip
+    one = float(without.min()) + max(held, 0.0)
     names = ", ".join(one.name for one in unknowns)
     log.info(
         "%s: log odds %.1f over nothing, %.1f over separate values for each shot, %.1f over one shot's, held out %.0f",
@@ -143,7 +149,7 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
     )  # fmt: skip
     bic = 2.0 * gain - len(unknowns) * math.log(max(more.count / effect, 2.0))
     seen = Evidence(bic, 2.0 * gain, effect, odds)
-    return Judged(more, tuple(unknowns), odds, alone, one, seen, held)
+    return Judged(more, tuple(unknowns), odds, alone, one, int(without.argmin()), seen, held)
 
 
 def judged_where_found(
@@ -236,8 +242,8 @@ def over_scatter(away: Array, unknowns: Sequence[Unknown], information: Array, g
     return float(mean_odds(shared) - mean_odds(own))
 
 
-def over_one_shot(less: ShotLosses, more: ShotLosses, design_effect: float, occam: Array) -> float:
-    """Log odds of a cause over one shot's departing for a reason of its own, which would explain that shot as well.
+def over_one_shot(less: ShotLosses, more: ShotLosses, design_effect: float, occam: Array) -> Array:
+    """Log odds of a cause over each shot's departing for a reason of its own, which would explain it as well: (n,).
 
     Without the shot, the others must still show the cause, with the constants that they have alone: a shot with a wrong
     clock, say, bends these, and what bends them back for all others looks like a cause. That it departs is a priori as
@@ -250,7 +256,7 @@ def over_one_shot(less: ShotLosses, more: ShotLosses, design_effect: float, occa
         occam: (n,) log likelihood that the cause's parameters cost by all shots but one.
     """
     gain = (less.without_each() - more.without_each()) / design_effect
-    return float(np.min(gain + occam)) + math.log(len(gain))
+    return np.asarray(gain + occam + math.log(len(gain)))
 
 
 def size_of(view: FitView, unknowns: Sequence[Unknown]) -> float:

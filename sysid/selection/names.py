@@ -14,7 +14,7 @@ from typing import Generic
 from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, SparseFormula, parameters_of
 from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
-from sysid.selection.judgement import Judged, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
+from sysid.selection.judgement import Judged, Threshold, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
 from sysid.selection.scoring.score import Score, Scores
 from sysid.selection.scoring.signatures import at_sizes, candidate
 from sysid.selection.screening import FittedCandidate, candidates_for
@@ -76,9 +76,10 @@ def _fitted(less: V, more: V, row: Score) -> FittedCandidate:
     return as_fitted(row, judged(less.beside(more), more, unknowns_of(row.candidate, more.names)))
 
 
-def as_fitted(row: Score, at: Judged[V]) -> FittedCandidate:
-    """A candidate with its fit and evidence."""
-    return FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0)
+def as_fitted(row: Score, at: Judged[V], threshold: Threshold | None = None) -> FittedCandidate:
+    """A candidate with its fit and evidence, and, for the threshold that it did not pass, the clip that it rests on."""
+    clip = at.view.point.problem.clips[at.shot].file if threshold is not None and threshold.rests_on_one(at) else ""
+    return FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0, clip)
 
 
 def _likeliest(scores: Scores, than: str, by: float) -> Score | None:

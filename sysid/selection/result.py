@@ -78,6 +78,12 @@ class DiscoveryResult:
         """Effects supported by the training clips whose fits followed the held-out clips worse."""
         return frozenset(name for one in self.rounds for name in one.refuted)
 
+    @property
+    def shown_once(self) -> dict[str, str]:
+        """Effects that are not named because one clip alone shows them, with that clip."""
+        found = {name: clip for one in self.rounds for name, clip in one.shown_once.items()}
+        return {name: clip for name, clip in found.items() if name not in self.verdict}
+
     def with_step(self, now: FittedModel, verdict: tuple[str, ...], dropped: tuple[str, ...]) -> DiscoveryResult:
         """The result with another last fit, after the ladder's steps with only effects of its verdict.
 

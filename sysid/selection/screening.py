@@ -30,6 +30,7 @@ class FittedCandidate:
     fitted: FittedModel
     evidence: Evidence  # over the base
     generalises: bool = True  # whether held-out shots do not contradict it
+    shown_by: str = ""  # the one clip that it rests on, which is why it is not accepted
 
     @property
     def name(self) -> str:
@@ -69,6 +70,11 @@ class Screening:
     def refuted(self) -> tuple[str, ...]:
         """Candidates supported by the training clips whose fit follows the held-out clips worse."""
         return tuple(one.name for one in self.fits if not one.generalises and one.evidence.log_odds > 0.0)
+
+    @property
+    def shown_once(self) -> dict[str, str]:
+        """Candidates that are accepted but for one clip, which alone shows them, with that clip."""
+        return {one.name: one.shown_by for one in self.fits if one.shown_by}
 
     @property
     def doubtful(self) -> tuple[str, ...]:

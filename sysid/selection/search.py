@@ -181,7 +181,7 @@ def _effects(
             add(min(here, key=start.tried))
             good = passed()
     best = good[0] if good else None
-    rest = [as_fitted(row, at) for row, at in tried if all(row is not one.score for one, _ in good)]
+    rest = [as_fitted(row, at, threshold) for row, at in tried if all(row is not one.score for one, _ in good)]
     fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
     scores = seen.scores.only(seen.named)
     screening = Screening(

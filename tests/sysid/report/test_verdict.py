@@ -36,6 +36,7 @@ def found(*effects: str, held: int = 5, converged: bool = True, **more: Any) -> 
         "verdict": effects, "unexplained": None, "explained": None, "model": model, "ladder": ladder,
         "last": ladder[-1], "converged": converged, "next_shot": None,
         "rounds": [SimpleNamespace(best=best, margin=1800.0)],
+        "shown_once": {},
         "stability": Stability(100, 91, dict.fromkeys(effects, 97)),
         "parts": SimpleNamespace(noise=NOISE, held_out=SimpleNamespace(clips=range(held)) if held else None),
     }  # fmt: skip
@@ -91,6 +92,14 @@ def test_nothing_missing_is_said_plainly() -> None:
     one.held_miss = 0.001
     assert miss_line("base", one) == "base: miss 0.500 mm, held out 1.000 mm"
     assert said.next_step.startswith("plan shots")
+
+
+def test_what_one_clip_alone_shows_is_told() -> None:
+    said = verdict_of(found(shown_once={"spin_decay_speed": "shot-05.csv"}))
+    assert said.missing == "nothing that more than one clip shows; shot-05.csv alone shows spin_decay_speed"
+    assert said.next_step == "film more shots like shot-05.csv, to see whether spin_decay_speed is there"
+    named = verdict_of(found("table_tilt", shown_once={"spin_decay_speed": "shot-05.csv"}))
+    assert named.missing.startswith("table_tilt (") and "shot-05" not in named.next_step
 
 
 def test_what_has_no_name_has_its_formula_and_how_to_add_it() -> None:

@@ -171,7 +171,7 @@ def test_a_cause_does_not_rest_on_one_shot() -> None:
 
     def odds(measured: Array) -> tuple[float, float]:
         less, more = fit(measured, 1), fit(measured, 2)
-        return float((less.losses - more.losses).sum()), over_one_shot(less, more, 1.0, np.full(15, -2.0))
+        return float((less.losses - more.losses).sum()), float(over_one_shot(less, more, 1.0, np.full(15, -2.0)).min())
 
     noise = rng.normal(size=(15, 40))
     everywhere, one = odds(noise + jacobian[:, :, 1])
