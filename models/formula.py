@@ -3,11 +3,12 @@
 A term says by codes what it changes (its door) and by which factor of place, motion, time or impact, with up to four
 constants, and may act for one ball, rail, table or player alone, or on one side of a value of any variable. Doors: a
 drag on rolling balls along their way, a pull to the left of it (models.hooks.push_along); a push along x or y on a ball
-that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction; a change of restitution
-or friction at cushions or between balls; a shift of the image. The hooks are compiled once and read the terms from the
-effect's row of parameters: another formula compiles nothing. Where forces switch at lines and at the edges of cells of
-the cloth, or bend, `horizon` says when a ball gets there. Where a step lies, over what a decay falls, and where a term
-begins to act may be parameters as well. A curve is a sum of hats, and linear between the places where these lie.
+that the cloth carries, 5/7 of it where that rolls; a relative change of the sliding friction, or of how
+fast sidespin dies; a change of restitution or friction at cushions or between balls; a shift of the image, or a picture
+that is late. The hooks are compiled once and read the terms from the effect's row of parameters: another formula
+compiles nothing. Where forces switch at lines and at the edges of cells of the cloth, or bend, `horizon` says when a
+ball gets there. Where a step lies, over what a decay falls, and where a term begins to act may be parameters as well. A
+curve is a sum of hats, and linear between the places where these lie.
 """
 
 from __future__ import annotations
@@ -42,10 +43,13 @@ MAX_TERMS = 64
 MAX_CONSTANTS = 4
 
 TERM_HOOKS = (
-    "drag", "grip", "push_x", "push_y", "side", "cushion_e", "cushion_mu", "ball_e", "ball_mu", "image_x", "image_y",
+    "drag", "grip", "spin", "push_x", "push_y", "side", "cushion_e", "cushion_mu", "ball_e", "ball_mu",
+    "image_x", "image_y", "clock",
 )  # fmt: skip
-DRAG, GRIP, PUSH_X, PUSH_Y, SIDE, CUSHION_E, CUSHION_MU, BALL_E, BALL_MU, IMAGE_X, IMAGE_Y = range(1, 12)
-CLOTH, IMPACTS, IMAGE = range(DRAG, SIDE + 1), range(CUSHION_E, BALL_MU + 1), range(IMAGE_X, IMAGE_Y + 1)
+(
+    DRAG, GRIP, SPIN, PUSH_X, PUSH_Y, SIDE, CUSHION_E, CUSHION_MU, BALL_E, BALL_MU, IMAGE_X, IMAGE_Y, CLOCK,
+) = range(1, 14)  # fmt: skip
+CLOTH, IMPACTS, IMAGE = range(DRAG, SIDE + 1), range(CUSHION_E, BALL_MU + 1), range(IMAGE_X, CLOCK + 1)
 HOOK_RANGES = {"forces": CLOTH, "impact": IMPACTS, "observe": IMAGE}
 
 TERM_FIELDS = TermRow._fields
@@ -114,6 +118,8 @@ def push(door: float, value: float, ball: BallState) -> None:
     """Change what acts on a ball on the cloth by a quantity's value."""
     if door == GRIP:
         ball.slide_factor = max(ball.slide_factor * (1.0 + value), MIN_FRICTION_SHARE)
+    elif door == SPIN:
+        ball.spin_factor = max(ball.spin_factor * (1.0 + value), MIN_FRICTION_SHARE)
     elif door == PUSH_X and ball.weight > 0.0:
         ball.ax += value
     elif door == PUSH_Y and ball.weight > 0.0:
@@ -142,12 +148,11 @@ def change(door: float, value: float, hit: ImpactState) -> None:
 
 
 @compiled
-def shift(door: float, value: float, image: ImageState) -> None:
-    """Move an image by a quantity's value."""
-    if door == IMAGE_X:
-        image.x += value
-    else:
-        image.y += value
+def shift(door: float, value: float, image: ImageState) -> tuple[float, float]:
+    """By how much a quantity's value moves an image: itself, or the ball for as long as the picture is late."""
+    if door == CLOCK:
+        return value * image.vx, value * image.vy
+    return (value, 0.0) if door == IMAGE_X else (0.0, value)
 
 
 @compiled
@@ -280,7 +285,7 @@ class Formula(Effect):
             term = _term(self, k)
             if term.door == 0.0:
                 break
-            acts = IMAGE_X <= term.door <= IMAGE_Y
+            acts = IMAGE_X <= term.door <= CLOCK
             if acts and (term.within == NONE or _acts(term, of_image(term.within, image))):
                 v = of_image(term.a, image)
                 if term.factor == PRODUCT:
@@ -288,10 +293,8 @@ class Formula(Effect):
                 value = factor_value(
                     term, FactorArguments(v, image.x, image.y, image.vx, image.vy, 0.0, image.number, -1.0)
                 )
-                if term.door == IMAGE_X:
-                    dx += term.coefficient * value
-                else:
-                    dy += term.coefficient * value
+                along_x, along_y = shift(term.door, term.coefficient * value, image)
+                dx, dy = dx + along_x, dy + along_y
         image.x += dx
         image.y += dy
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from models.compiled import compiled
 from models.effect import Array, BallState, Effect, ImageState, ImpactState, param
-from models.formula import CUSHION_MU, DRAG, HOOK_RANGES, IMAGE_X, IMAGE_Y, IMPACTS, SIDE, change, is_met, push, shift
+from models.formula import CLOCK, CUSHION_MU, DRAG, HOOK_RANGES, IMAGE_X, IMPACTS, SIDE, change, is_met, push, shift
 from models.hooks import Layout
 from models.variables import NONE, VARIABLES, of_ball, of_image, of_impact
 
@@ -182,8 +182,10 @@ class FreeForm(Effect):
 
     def observe(self, image: ImageState) -> None:
         """Add the function to the reported place."""
-        if IMAGE_X <= self.door <= IMAGE_Y:
-            shift(self.door, _for_image(self, image), image)
+        if IMAGE_X <= self.door <= CLOCK:
+            dx, dy = shift(self.door, _for_image(self, image), image)
+            image.x += dx
+            image.y += dy
 
 
 @cache

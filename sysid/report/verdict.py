@@ -23,7 +23,7 @@ from sysid.selection.screening import Screening
 
 CERTAIN_BIC = 10.0  # "very strong" evidence (Kass and Raftery 1995), of an effect that
 CERTAIN_SHARE = 0.95  # of the draws of the clips find: it is certain then
-IMAGE_QUANTITIES = ("image_x", "image_y")  # of formulas: what the camera shows, not what balls do
+IMAGE_QUANTITIES = ("image_x", "image_y", "clock")  # of formulas: what the camera shows, not what balls do
 FEW_HELD_OUT = 2  # clips held out, up to which a single one decides
 
 

@@ -55,6 +55,7 @@ IMAGE_VARIABLES = {
 APPLY_LINES = {  # quantity: the line that changes it
     "drag": "push_along(ball, -{value}, 0.0)",
     "grip": f"ball.slide_factor = max(ball.slide_factor * (1.0 + {{value}}), {MIN_FRICTION_SHARE})",
+    "spin": f"ball.spin_factor = max(ball.spin_factor * (1.0 + {{value}}), {MIN_FRICTION_SHARE})",
     "push_x": "ball.ax += {value}",
     "push_y": "ball.ay += {value}",
     "side": "push_along(ball, 0.0, {value})",
@@ -64,6 +65,7 @@ APPLY_LINES = {  # quantity: the line that changes it
     "ball_mu": "hit.friction += {value}",
     "image_x": "image.x += {value}",
     "image_y": "image.y += {value}",
+    "clock": "late = {value}\n        image.x, image.y = image.x + late * image.vx, image.y + late * image.vy",
 }
 APPLY_CONDITIONS = {  # the condition under which a quantity changes
     ("drag", "side"): "ball.rolling", ("push_x", "push_y"): "ball.weight > 0",

@@ -41,9 +41,11 @@ _MOTION = ("x", "y", "heading", "speed", "wz", "time", "number", *SESSION_VARIAB
 _CONTACT = ("grazing", "approach", "slip", "wz", "time", "number", *SESSION_VARIABLES)
 _IMAGE = ("x", "y", "time", "number", *SESSION_VARIABLES)
 SEEN_BY = {  # variables that each quantity may depend on
-    "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "grip": (*_MOTION, "slip"),
+    "drag": _MOTION, "side": _MOTION, "push_x": _MOTION, "push_y": _MOTION, "spin": _MOTION,
+    "grip": (*_MOTION, "slip"),
     "cushion_e": ("rail", "along", *_CONTACT), "cushion_mu": ("rail", "along", *_CONTACT),
     "ball_e": ("x", "y", *_CONTACT), "ball_mu": ("x", "y", *_CONTACT), "image_x": _IMAGE, "image_y": _IMAGE,
+    "clock": _IMAGE,
 }  # fmt: skip
 
 

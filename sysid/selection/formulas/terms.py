@@ -128,6 +128,7 @@ class Term:
 QUANTITY_TEXTS = {
     "drag": "deceleration of rolling balls [m/s^2]",
     "grip": "relative change of the sliding friction",
+    "spin": "relative change of the deceleration of sidespin",
     "push_x": "push along x [m/s^2], 5/7 of it on rolling balls",
     "push_y": "push along y [m/s^2], 5/7 of it on rolling balls",
     "side": "acceleration to the left of the motion of rolling balls [m/s^2]",
@@ -137,17 +138,20 @@ QUANTITY_TEXTS = {
     "ball_mu": "change of the friction between balls",
     "image_x": "shift of the image along x [m]",
     "image_y": "shift of the image along y [m]",
+    "clock": "delay of the picture after its time stamp [s]",
 }
 QUANTITY_UNITS = {
     "drag": "m/s^2", "push_x": "m/s^2", "push_y": "m/s^2", "side": "m/s^2", "image_x": "m", "image_y": "m",
+    "clock": "s",
 }  # fmt: skip
 COEFFICIENT_WIDTHS = {  # half of the bounds' width of a term without variables
-    "drag": 0.1, "grip": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3, "cushion_mu": 0.2,
-    "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05,
+    "drag": 0.1, "grip": 0.5, "spin": 0.5, "push_x": 0.1, "push_y": 0.1, "side": 0.1, "cushion_e": 0.3,
+    "cushion_mu": 0.2, "ball_e": 0.2, "ball_mu": 0.2, "image_x": 0.05, "image_y": 0.05, "clock": 0.05,
 }  # fmt: skip
 PLACE_VARIABLES = ("x", "y")
 PLACES_OF_ACTION = {  # the place at which each quantity acts
     "drag": "rolling on the cloth", "side": "rolling on the cloth", "grip": "sliding on the cloth",
+    "spin": "sidespin on the cloth", "clock": "in the camera's clock",
     "push_x": "everywhere on the cloth", "push_y": "everywhere on the cloth", "cushion_e": "all cushions",
     "cushion_mu": "all cushions", "ball_e": "collisions of balls", "ball_mu": "collisions of balls",
     "image_x": "in the camera's image", "image_y": "in the camera's image",

@@ -148,7 +148,7 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
                 at_numbers = dataclasses.replace(term, limits=None, only_limits=None, only_moves=False)
                 assert term_from_json(told(term, value)) == (at_numbers, value)
             at_lines = [t for t in terms if t.kind != HAT and effect_from_terms("one", (t,), (0.01,)).opens("horizon")]
-            on_cloth = quantity in ("drag", "grip", "push_x", "push_y", "side")
+            on_cloth = quantity in ("drag", "grip", "spin", "push_x", "push_y", "side")
             assert bool(at_lines) == (variable in ("x", "y") and on_cloth)
     half = next(t for family in shapes("grip", "y", -1.0, 1.0) for (t, *_) in family if t.factor == "y > 0")
     assert half.where == "sliding on the cloth, where y > 0 m" and half.place is None
@@ -238,6 +238,7 @@ WRITTEN = [
     ("cushion_e_wz", "ball_mu_wz", "drag_x_curve_16_5", "drag_speed_curve_16_16", "image_x_order", "image_y_number_1"),
     ("drag_x_down_from", "cushion_e_along_up_from", "cushion_mu_rail_0_along_above", "cushion_mu_rail_1_along_up_from"),
     ("drag_x_order", "cushion_mu_wz_hour", "ball_e_approach_cloth_age", "image_x_y_order", "grip_slip_warmth"),
+    ("spin_x", "spin_wz_order", "clock_time_order", "clock_y", "image_x_xy"),
 ]
 
 
@@ -275,6 +276,25 @@ def test_the_engine_and_mujoco_play_the_same_formula() -> None:
     shot = Shot(("cue",), np.array([[-0.3, 0.0]]), v, w, np.linspace(0, 3, 31))
     one, two = (simulate(dataclasses.replace(model, engine=e), [shot])[0] for e in ("events", "mujoco"))
     np.testing.assert_allclose(one.position, two.position, atol=1e-3)
+
+
+def test_sidespin_dies_as_fast_as_a_formula_says() -> None:
+    """Deceleration alpha (1 + 0.4) of the struck ball's."""
+    model = full_model(TABLE, BALL).with_values({"decoupled_cloth.spin": 20.0})
+    slower = model.add(effect_from_terms("odd", terms_of("spin_number_0"), [0.4]))
+    shot = Shot(("cue",), np.zeros((1, 2)), np.array([[0.5, 0.0]]), np.array([[0.0, 0.0, 40.0]]), np.array([0.0, 1.0]))
+    for one, rate in ((model, 20.0), (slower, 28.0)):
+        for engine, within in (("events", 1e-9), ("mujoco", 0.05)):
+            track = simulate(dataclasses.replace(one, engine=engine), [shot])[0]
+            assert track.spin[-1, 0, 2] == pytest.approx(40.0 - rate, abs=within)
+
+
+def test_a_late_picture_shows_balls_where_they_come_to() -> None:
+    model = full_model(TABLE, BALL)
+    late = model.add(effect_from_terms("odd", terms_of("clock_order", "clock_x"), [0.004, 0.002]))
+    for true, seen, shot in zip(observed(model, shots()), observed(late, shots()), shots(), strict=True):
+        delay = 0.004 * shot.session.order + 0.002 * true.position[..., :1]
+        np.testing.assert_allclose(seen.position, true.position + delay * true.velocity, atol=1e-12)
 
 
 def test_formulas_share_their_compiled_hooks() -> None:
