@@ -11,8 +11,9 @@ import math
 import random
 from pathlib import Path
 
-from tests.examination.families import FAMILIES, PHYSICS, PICTURES, WITH_TEMPERATURE
+from tests.examination.families import FAMILIES, PHYSICS, WITH_TEMPERATURE
 from tests.examination.motion import Ball, World
+from tests.examination.pictures import PICTURES
 
 CLIPS, FPS, SIGMA_M, SECONDS = 30, 120.0, 0.0005, 4.0
 
@@ -53,11 +54,11 @@ def make(folder: Path, family: str, seed: int, clips: int = CLIPS) -> None:
         'format = "billiard-clips/1"', "", "[table]", "length = 3.569", "width = 1.778", "pockets = false", "",
         "[ball]", "diameter = 0.0525", "mass = 0.1406", "", "[camera]", f"fps = {FPS:g}", f"sigma = {SIGMA_M:g}",
     ]  # fmt: skip
-    laws = {name: (lambda seen, value=value: value) for name, value in values.items() if name != "spin"}
+    laws = {name: (lambda seen, value=value: value) for name, value in values.items()}
     for number in range(clips):
         order = number / (clips - 1)
         celsius = draw.uniform(17.0, 25.0) if family in WITH_TEMPERATURE else 20.0
-        world = World(order=order, celsius=celsius, spin=values["spin"], **laws)
+        world = World(order=order, celsius=celsius, **laws)
         if family in PHYSICS:
             PHYSICS[family](world)
         balls = struck(world, draw, number % 3 < 2)

@@ -1,6 +1,6 @@
-"""Families of hidden causes: what each does to a `World`, or to the picture of it.
+"""Families of hidden causes: what each does to a `World`.
 
-In: a world. Out: the same with another law; or a place (x, y) as filmed, with the order of the clip in the session.
+In: a world. Out: the same with another law. Those of the picture of it are in pictures.py.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 
 from tests.examination.motion import Law, Seen, World
+from tests.examination.pictures import PICTURES
 
 Change = Callable[[World], None]
 
@@ -62,16 +63,6 @@ def warm_room(world: World) -> None:
     world.cushion_e = _plus(world.cushion_e, lambda seen: 0.006 * (seen.celsius - 20.0))
 
 
-def skewed_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is sheared: x + 0.004 y."""
-    return seen[0] + 0.004 * seen[1], seen[1]
-
-
-def sagging_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image slides along x in the session, by 8 mm in all."""
-    return seen[0] + 0.008 * order, seen[1]
-
-
 def uneven_stretch(world: World) -> None:
     """Rolling friction grows along the table: times 1 + 0.12 x."""
     world.roll = _times(world.roll, lambda seen: 1.0 + 0.12 * seen.ball[0])
@@ -102,16 +93,6 @@ def soft_red(world: World) -> None:
 def gripping_spin(world: World) -> None:
     """Friction of balls grows by 0.0015 for every radian a second of the striking ball's sidespin."""
     world.ball_mu = _plus(world.ball_mu, lambda seen: 0.0015 * abs(seen.ball[6]))
-
-
-def bent_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is bent: x + 0.008 y^2."""
-    return seen[0] + 0.008 * seen[1] ** 2, seen[1]
-
-
-def slow_zoom(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image grows along x in the session, by 0.4 % in all."""
-    return seen[0] * (1.0 + 0.004 * order), seen[1]
 
 
 def damp_end(world: World) -> None:
@@ -149,11 +130,6 @@ def evening_cloth(world: World) -> None:
     world.roll = _times(world.roll, lambda seen: 1.0 + 0.03 * (seen.celsius - 20.0))
 
 
-def turning_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image turns in the session, by 4 mrad in all."""
-    return seen[0] - 0.004 * order * seen[1], seen[1] + 0.004 * order * seen[0]
-
-
 def pressed_seam(world: World) -> None:
     """Rolling friction is 1 + 0.8 exp(-(x / 0.15)^2) times as high: something lies below the middle of the cloth."""
     world.roll = _times(world.roll, lambda seen: 1.0 + 0.8 * math.exp(-((seen.ball[0] / 0.15) ** 2)))
@@ -186,16 +162,6 @@ def warm_balls(world: World) -> None:
 def other_balls(world: World) -> None:
     """Balls return 0.05 less after three fifths of the session: others are played with."""
     world.ball_e = _plus(world.ball_e, lambda seen: -0.05 if seen.order > 0.6 else 0.0)
-
-
-def folded_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is stretched by 1 % along x beyond x = 0.5 m."""
-    return seen[0] + 0.01 * max(0.0, seen[0] - 0.5), seen[1]
-
-
-def bumped_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image lies 3 mm farther along y in the last 45 % of the session."""
-    return seen[0], seen[1] + (0.003 if order > 0.55 else 0.0)
 
 
 def sticky_crawl(world: World) -> None:
@@ -233,11 +199,6 @@ def drying_cloth(world: World) -> None:
     world.roll = _times(world.roll, lambda seen: 1.0 - 0.12 * math.exp(-seen.order / 0.25))
 
 
-def wavy_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is wavy: y + 0.003 sin(3 x)."""
-    return seen[0], seen[1] + 0.003 * math.sin(3.0 * seen[0])
-
-
 def brushed_pile(world: World) -> None:
     """Rolling balls are pushed across their way by 0.02 cos(heading) m/s^2: the pile of the cloth points along y."""
     world.across = lambda seen: 0.02 * math.cos(_heading(seen))
@@ -266,12 +227,6 @@ def rubbed_balls(world: World) -> None:
 def damp_balls(world: World) -> None:
     """Friction of balls is higher by 0.003 times the square of the room's distance from 21 degrees."""
     world.ball_mu = _plus(world.ball_mu, lambda seen: 0.003 * (seen.celsius - 21.0) ** 2)
-
-
-def fish_eye(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is drawn outwards by 0.0015 times the cube of the distance from (0.3, -0.2) m."""
-    x, y = seen[0] - 0.3, seen[1] + 0.2
-    return seen[0] + 0.0015 * (x * x + y * y) * x, seen[1] + 0.0015 * (x * x + y * y) * y
 
 
 def slow_clock(world: World) -> None:
@@ -309,16 +264,6 @@ def ringing_balls(world: World) -> None:
     world.ball_e = _plus(world.ball_e, lambda seen: -0.03 * (seen.approach - 1.0) ** 2)
 
 
-def swaying_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image sways along x in the session, by 4 mm times the sine of 5 times the order."""
-    return seen[0] + 0.004 * math.sin(5.0 * order), seen[1]
-
-
-def narrow_side(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is 0.5 % narrower along x where y is above 0.3 m."""
-    return seen[0] * (0.995 if seen[1] > 0.3 else 1.0), seen[1]
-
-
 def trodden_way(world: World) -> None:
     """Rolling friction is 0.75 times as high within 0.25 m of the line y = 0.4 x: players shoot that way."""
     world.roll = _times(
@@ -353,15 +298,48 @@ def waxed_once(world: World) -> None:
     world.ball_mu = _plus(world.ball_mu, lambda seen: -0.025 * math.exp(-seen.order / 0.3))
 
 
-def breathing_lens(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image grows and shrinks in the session, by 0.25 % times the sine of 6 times the order."""
-    grown = 1.0 + 0.0025 * math.sin(6.0 * order)
-    return seen[0] * grown, seen[1] * grown
+def linty_half(world: World) -> None:
+    """Sidespin dies 1.5 times as fast where x is above 0.3 m."""
+    world.spin = _times(world.spin, lambda seen: 1.5 if seen.ball[0] > 0.3 else 1.0)
 
 
-def twisted_picture(seen: tuple[float, float], order: float) -> tuple[float, float]:
-    """The image is twisted: y + 0.005 x y."""
-    return seen[0], seen[1] + 0.005 * seen[0] * seen[1]
+def rubbed_chalk(world: World) -> None:
+    """Sliding friction of the struck ball is 1 + 0.2 exp(-order / 0.4) times as high: its chalk is rubbed off."""
+    world.slide = _times(
+        world.slide, lambda seen: 1.0 + (0.2 * math.exp(-seen.order / 0.4) if seen.number == 0 else 0.0)
+    )
+
+
+def draughty_room(world: World) -> None:
+    """Rolling balls are pushed to the left of their way by 0.015 m/s^2 in the second half of the session."""
+    world.across = _plus(world.across, lambda seen: 0.015 if seen.order > 0.5 else 0.0)
+
+
+def tired_stretch(world: World) -> None:
+    """The cushion at -y returns 0.05 less between x = -0.6 and 0.2 m."""
+    world.cushion_e = _plus(
+        world.cushion_e, lambda seen: -0.05 if seen.rail == "-y" and -0.6 < seen.ball[0] < 0.2 else 0.0
+    )
+
+
+def slick_corners(world: World) -> None:
+    """Friction of cushions falls by 0.08 for every radian of incidence beyond 0.5."""
+    world.cushion_mu = _plus(world.cushion_mu, lambda seen: -0.08 * max(0.0, seen.incidence - 0.5))
+
+
+def dusty_far_end(world: World) -> None:
+    """Friction of balls is higher by 0.04 for every metre beyond x = 0."""
+    world.ball_mu = _plus(world.ball_mu, lambda seen: 0.04 * max(0.0, seen.ball[0]))
+
+
+def lossy_balls(world: World) -> None:
+    """Balls return 0.08 approach / (approach + 1 m/s) less."""
+    world.ball_e = _plus(world.ball_e, lambda seen: -0.08 * seen.approach / (seen.approach + 1.0))
+
+
+def bumped_clock(world: World) -> None:
+    """The camera's clock runs 0.4 % fast after the middle of the session."""
+    world.frame = 0.996 if world.order > 0.5 else 1.0
 
 
 PHYSICS: dict[str, Change] = {
@@ -375,14 +353,8 @@ PHYSICS: dict[str, Change] = {
         *(brushed_pile, spilled_water, glancing_grip, stiff_side, rubbed_balls, damp_balls, slow_clock),
         *(ironed_at_first, woven_cloth, cold_rails, scuffed_end, slick_touch, ringing_balls),
         *(trodden_way, brushed_between, loose_bolts, tacky_noses, hollow_slate, waxed_once),
-    )
-}
-PICTURES = {
-    one.__name__: one
-    for one in (
-        *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
-        *(folded_picture, bumped_camera, wavy_picture, fish_eye, swaying_camera, narrow_side),
-        *(breathing_lens, twisted_picture),
+        *(linty_half, rubbed_chalk, draughty_room, tired_stretch, slick_corners, dusty_far_end, lossy_balls),
+        *(bumped_clock,),
     )
 }
 WITH_TEMPERATURE = tuple(

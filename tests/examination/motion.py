@@ -49,7 +49,7 @@ class World:
     celsius: float = 20.0
     slide: Law = field(default_factory=lambda: _constant(0.2))
     roll: Law = field(default_factory=lambda: _constant(0.0127))
-    spin: float = 22.0  # deceleration of sidespin [rad/s^2]
+    spin: Law = field(default_factory=lambda: _constant(22.0))  # deceleration of sidespin [rad/s^2]
     across: Law = field(default_factory=lambda: _constant(0.0))  # of a rolling ball, to the left of its way [m/s^2]
     frame: float = 1.0  # how long a frame lasts, over what the camera states
     cushion_e: Law = field(default_factory=lambda: _constant(0.88))
@@ -141,7 +141,7 @@ class World:
             x, y = x + vx * part + 0.5 * ax * part**2, y + vy * part + 0.5 * ay * part**2
             vx, vy = (vx + ax * part, vy + ay * part) if part < speed / a else (0.0, 0.0)
             wx, wy = -vy / radius, vx / radius
-        wz = math.copysign(max(abs(wz) - self.spin * whole, 0.0), wz)
+        wz = math.copysign(max(abs(wz) - self.spin(seen) * whole, 0.0), wz)
         ball[:] = [x, y, vx, vy, wx, wy, wz]
 
     def _rebound(self, ball: Ball, number: int) -> None:
