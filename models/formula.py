@@ -24,7 +24,7 @@ import numpy as np
 from models.analytic.crossings import Gaps, nearer, until_bend, until_gap
 from models.analytic.crossings import until_edge as until_edge  # also for files of effects that name them here
 from models.analytic.crossings import until_line as until_line
-from models.analytic.factors import ABOVE, BEND, BOX, HAT, PRODUCT, FactorArguments, TermRow, factor_value
+from models.analytic.factors import ABOVE, BEND, BOX, HAT, FactorArguments, TermRow, factor_value
 from models.compiled import compiled
 from models.effect import (
     MIN_FRICTION_SHARE,
@@ -93,6 +93,7 @@ class Part:
     source: str
     places: tuple[MovingPlace, ...] = ()
     only: Only = EVERYWHERE
+    times: int = NONE  # code of a variable with which the factor is multiplied
 
     @property
     def has_line(self) -> bool:
@@ -104,7 +105,19 @@ class Part:
 def _term(own: Any, k: int) -> TermRow:
     """The fields of a term; the door of those behind the last is 0."""
     t, n = own.terms, k * TERM_SIZE
-    return TermRow(t[n], t[n + 1], t[n + 2], t[n + 3], t[n + 4], t[n + 5], t[n + 6], t[n + 7], t[n + 8], t[n + 9])
+    return TermRow(
+        t[n],
+        t[n + 1],
+        t[n + 2],
+        t[n + 3],
+        t[n + 4],
+        t[n + 5],
+        t[n + 6],
+        t[n + 7],
+        t[n + 8],
+        t[n + 9],
+        t[n + 10],
+    )
 
 
 @compiled
@@ -160,9 +173,8 @@ def _of_ball(term: TermRow, ball: BallState) -> float:
     if term.within != NONE and not _acts(term, of_ball(term.within, ball)):
         return 0.0
     v = of_ball(term.a, ball)
-    if term.factor == PRODUCT:
-        v *= of_ball(term.b, ball)
-    return factor_value(term, FactorArguments(v, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.number, -1.0))
+    value = factor_value(term, FactorArguments(v, ball.x, ball.y, ball.vx, ball.vy, ball.wz, ball.number, -1.0))
+    return value if term.times == NONE else value * of_ball(term.times, ball)
 
 
 @compiled
@@ -170,9 +182,8 @@ def _of_impact(term: TermRow, hit: ImpactState) -> float:
     if term.within != NONE and not _acts(term, of_impact(term.within, hit)):
         return 0.0
     v = of_impact(term.a, hit)
-    if term.factor == PRODUCT:
-        v *= of_impact(term.b, hit)
-    return factor_value(term, FactorArguments(v, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.first, hit.second))
+    value = factor_value(term, FactorArguments(v, hit.x, hit.y, hit.vx, hit.vy, hit.wz, hit.first, hit.second))
+    return value if term.times == NONE else value * of_impact(term.times, hit)
 
 
 @dataclass(frozen=True)
@@ -222,7 +233,7 @@ class Formula(Effect):
             numbers = (part.door, part.factor, *part.constants)
             out[:, k, 0] = getattr(self, part.name)
             out[:, k, 1 : 1 + len(numbers)] = numbers
-            out[:, k, TERM_FIELDS.index("within") :] = part.only
+            out[:, k, TERM_FIELDS.index("within") :] = (*part.only, part.times)
             for place in part.places:
                 out[:, k, TERM_FIELDS.index(place.field)] = getattr(self, place.name)
         return out.reshape(count, -1)
@@ -244,7 +255,7 @@ class Formula(Effect):
         """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
         left, across_x, across_y = math.inf, Gaps(math.inf, -math.inf), Gaps(math.inf, -math.inf)
         for k in range(MAX_TERMS):
-            _, door, factor, a, b, c, d, within, which, _ = _term(self, k)
+            _, door, factor, a, b, c, d, within, which, _, _ = _term(self, k)
             if door == 0.0:
                 break
             if not DRAG <= door <= SIDE:
@@ -288,11 +299,11 @@ class Formula(Effect):
             acts = IMAGE_X <= term.door <= CLOCK
             if acts and (term.within == NONE or _acts(term, of_image(term.within, image))):
                 v = of_image(term.a, image)
-                if term.factor == PRODUCT:
-                    v *= of_image(term.b, image)
                 value = factor_value(
                     term, FactorArguments(v, image.x, image.y, image.vx, image.vy, 0.0, image.number, -1.0)
                 )
+                if term.times != NONE:
+                    value *= of_image(term.times, image)
                 along_x, along_y = shift(term.door, term.coefficient * value, image)
                 dx, dy = dx + along_x, dy + along_y
         image.x += dx

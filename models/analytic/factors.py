@@ -24,9 +24,8 @@ from models.compiled import compiled
     POWER,  # x^a y^b (x^2 + y^2)^c
     ALONG_RAIL,  # power a of the distance from the middle of a rail [m]
     WITH,  # 1 where ball a takes part
-    PRODUCT,  # v, here the product of the variables of codes a and b
     BEND,  # how far v is above b, or with c = -1 below it; 0 on the other side
-) = range(17)
+) = range(16)
 
 
 class TermRow(NamedTuple):
@@ -42,6 +41,7 @@ class TermRow(NamedTuple):
     within: float  # variable of the condition under which the term acts; NONE without one
     which: float  # value of that variable
     side: float  # 0: at that value alone; 1: above it; -1: below it
+    times: float  # code of the variable with which the factor is multiplied; NONE for 1
 
 
 class FactorArguments(NamedTuple):
@@ -60,7 +60,7 @@ class FactorArguments(NamedTuple):
 @compiled
 def factor_value(term: TermRow, at: FactorArguments) -> float:
     """The factor of a term."""
-    _, _, factor, a, b, c, d, _, _, _ = term
+    _, _, factor, a, b, c, d, _, _, _, _ = term
     v, x, y, vx, vy, wz, first, second = at
     if factor == BOX:
         return 1.0 if abs(x - a) <= b and abs(y - c) <= d else 0.0
@@ -91,8 +91,6 @@ def factor_value(term: TermRow, at: FactorArguments) -> float:
         return (abs(y) if second < 2.0 else abs(x)) ** int(a)
     if factor == WITH:
         return 1.0 if first == a or second == a else 0.0
-    if factor == PRODUCT:
-        return v
     if factor == BEND:
         return max(c * (v - b), 0.0)
     return 1.0

@@ -23,7 +23,6 @@ from sysid.selection.formulas.terms import (
     PLACE_DIGITS,
     QUANTITY_TEXTS,
     VARIABLE_UNITS,
-    WITHOUT_CONSTANT,
     Shape,
     Term,
     condition,
@@ -102,7 +101,7 @@ def _in_words(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, flo
 def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]) -> dict[str, Any]:
     """A curve for result.json: its values with standard deviations at the nodes."""
     at, value, sd = ([of(t) for t in group] for of in (lambda t: t.constants[1], values.__getitem__, sds.__getitem__))
-    if group[0].quantity not in WITHOUT_CONSTANT and group[0].only is None:  # it is 0 at its middle
+    if len(group) % 2 == 0:  # it is 0 at its middle
         middle = len(at) // 2
         at.insert(middle, round(at[middle] - group[middle].constants[2], PLACE_DIGITS) + 0.0)
         value.insert(middle, 0.0)
@@ -110,6 +109,8 @@ def _curve(group: Shape, values: Mapping[Term, float], sds: Mapping[Term, float]
     variable = VARIABLES[int(group[0].constants[0])]
     name, _, unit = QUANTITY_TEXTS[group[0].quantity].partition(" [")
     where = "" if group[0].only is None else f" where {condition(group[0].only)}"
+    if group[0].times is not None:
+        where, unit = f"{where}, times {group[0].times}", f"{group[0].unit}]"
     return {
         "quantity": f"{name}{where}{unit and f' [{unit}'}", "variable": variable,
         "variable_unit": VARIABLE_UNITS.get(variable, "1"), "at": at, "value": [float(v) for v in value],

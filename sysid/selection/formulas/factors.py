@@ -15,11 +15,11 @@ NUMBER = r"(-?\d{1,4}(?:\.\d{1,4})?)"
 CELL_PATTERN = re.compile(  # the factor of a cell
     r"abs\(x ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4}) and abs\(y ([+-]) (\d+\.\d{4})\) <= (\d+\.\d{4})", re.ASCII
 )
-STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN, PRODUCT_PATTERN = (
+STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN, TIMES_PATTERN = (
     re.compile(text, re.ASCII)
     for text in (
         rf"([a-z_]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z_]+) / {NUMBER}\)", r"([a-z_]+)(\*\*2)?",
-        r"([a-z_]+) \* ([a-z_]+)",
+        r"([a-z_]+|\(.+\)|exp\([^()]+\)) \* ([a-z_]+)",
     )
 )  # fmt: skip
 DISTANCE = r"(\d{1,4}(?:\.\d{1,4})?)"
@@ -63,8 +63,10 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
     if cell := CELL_PATTERN.fullmatch(factor):
         x, half_x, y, half_y = (float(v) for v in cell.group(2, 3, 5, 6))
         return kinds.BOX, (-x if cell[1] == "+" else x, half_x, -y if cell[4] == "+" else y, half_y)
-    if (pair := PRODUCT_PATTERN.fullmatch(factor)) and set(pair.groups()) <= set(SEEN_BY.get(quantity, ())):
-        return kinds.PRODUCT, tuple(float(VARIABLES.index(name)) for name in pair.groups())
+    if times := TIMES_PATTERN.fullmatch(factor):
+        inner = times[1].removeprefix("(").removesuffix(")") if times[1].startswith("(") else times[1]
+        plain = times[2] in SEEN_BY.get(quantity, ()) and not TIMES_PATTERN.fullmatch(inner)
+        return factor_code(quantity, inner) if plain else None
     for pattern, kind in (
         (STEP_PATTERN, kinds.ABOVE), (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
         (POWER_PATTERN, kinds.VARIABLE),
@@ -85,3 +87,11 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
         if half > 0.0 and not (hat[2] and hat[1] == "+"):
             return kinds.HAT, (float(VARIABLES.index(hat[3])), at, half, side)
     return None
+
+
+def times_of(factor: str) -> str | None:
+    """The variable with which a factor is multiplied, in its condition if it has one; None for 1."""
+    if only := ONLY_PATTERN.fullmatch(factor):
+        return times_of(only[6])
+    found = TIMES_PATTERN.fullmatch(factor)
+    return found[2] if found and factor not in FIXED_FACTORS else None

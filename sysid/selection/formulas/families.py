@@ -19,6 +19,7 @@ from sysid.selection.formulas.terms import (
     bend,
     decay,
     hat,
+    multiplied,
     only_as,
     only_at,
     only_beyond,
@@ -143,6 +144,23 @@ def shapes_beyond(
         ]
         for side in (1.0, -1.0)
     ]
+
+
+def shapes_times(
+    quantity: str, variable: str, over: str, low: float, high: float, beside: bool = False
+) -> list[list[Shape]]:
+    """The curves and decays of a variable over a range, each in proportion to another one.
+
+    They are 0 in the middle of the range beside a line of the other variable.
+    """
+    intervals = [curve(quantity, variable, low, high, count, at_one=True) for count in CURVE_INTERVALS]
+    curves = [tuple(one for k, one in enumerate(shape) if not beside or 2 * k + 1 != len(shape)) for shape in intervals]
+    found = [[tuple(multiplied(one, over) for one in shape) for shape in curves]]
+    if variable in DECAY_VARIABLES:
+        decays = [multiplied(decay(quantity, variable, part), over) for part in places_in(0.0, high - low)]
+        least = (high - low) / PARTS_OF_RANGE**2
+        found.append([(dataclasses.replace(one, limits=(least, high - low)),) for one in decays])
+    return found
 
 
 def shapes_as(like: Term, low: float, high: float, places: tuple[float, ...] | None = None) -> list[list[Shape]]:

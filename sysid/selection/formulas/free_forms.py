@@ -30,7 +30,14 @@ from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
 from sysid.selection.formulas.factors import SEEN_BY
-from sysid.selection.formulas.families import counted_shapes, local_curves, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formulas.families import (
+    counted_shapes,
+    local_curves,
+    shapes,
+    shapes_at_one,
+    shapes_beyond,
+    shapes_times,
+)
 from sysid.selection.formulas.terms import (
     COEFFICIENT_WIDTHS,
     COUNTED_VARIABLES,
@@ -89,6 +96,9 @@ class Block:
             found = [family for shape in self.known for family in shapes_beyond(shape, other, *seen[other])]
             if one in seen:
                 found += shapes_beyond(tuple(straight(self.quantity, other, 0)), one, *seen[one])
+                line = any(term.factor == one for shape in self.known for term in shape)
+                found += shapes_times(self.quantity, other, one, *seen[other][:2], beside=line)
+                found += shapes_times(self.quantity, one, other, *seen[one][:2])
             return found
         if len(self.variables) > 1:
             over = self.variables[1]

@@ -24,7 +24,7 @@ from models.effect import Effect
 from models.formula import EVERYWHERE, MovingPlace, Only, Part, formula
 from models.shot import Table
 from models.variables import SESSION_VARIABLES, VARIABLES
-from sysid.selection.formulas.factors import SEEN_BY, factor_code
+from sysid.selection.formulas.factors import SEEN_BY, factor_code, times_of
 
 CLOTH_CELLS = (6, 3)  # cells of the cloth with a drag of their own, along and across
 RAIL_NAMES = ("+x", "-x", "+y", "-y")
@@ -52,6 +52,7 @@ class Term:
     only_limits: tuple[float, float] | None = None  # bounds of the place where it begins to act
     only_moves: bool = False  # whether that place is a parameter
     plain: Term | None = None  # acting everywhere; None if it does
+    times: str | None = None  # variable with which the factor is multiplied
 
     @property
     def group(self) -> str:
@@ -63,6 +64,8 @@ class Term:
     @property
     def variable(self) -> str | None:
         """The one variable of its factor; None if there are more, or none."""
+        if self.times is not None:
+            return None
         if self.kind in (kinds.COS, kinds.SIN):
             return "heading"
         one = self.kind in (kinds.VARIABLE, kinds.ABOVE, kinds.EQUAL, kinds.DECAY, kinds.HAT, kinds.BEND)
@@ -108,6 +111,7 @@ class Term:
             term = bend(self.quantity, variable, at, self.constants[2])
         else:
             term = (step if self.kind == kinds.ABOVE else decay)(self.quantity, variable, at)
+        term = term if self.times is None else multiplied(term, self.times)
         return dataclasses.replace(term, name=self.name, limits=self.limits)
 
     def acting_from(self, at: float) -> Term:
@@ -121,8 +125,10 @@ class Term:
         """The term for a formula, with a value of its coefficient."""
         width = max(self.width, 2 * abs(value)) if math.isfinite(value) else self.width
         code, only = 1 + doors.TERM_HOOKS.index(self.quantity), self.only or EVERYWHERE
-        bounds = (-width, width)
-        return Part(self.name, code, self.kind, self.constants, self.unit, value, bounds, source, self.places, only)
+        bounds, times = (-width, width), VARIABLES.index(self.times or "none")
+        return Part(
+            self.name, code, self.kind, self.constants, self.unit, value, bounds, source, self.places, only, times
+        )  # fmt: skip
 
 
 QUANTITY_TEXTS = {
@@ -196,7 +202,7 @@ def _term(quantity: str, name: str, factor: str, variables: Sequence[str], power
     on = tuple(dict.fromkeys(VARIABLE_NAMES[v] for v in variables)) or ("nothing",)
     return Term(
         f"{quantity}_{name}", quantity, factor, unit, COEFFICIENT_WIDTHS[quantity] / size,
-        where or PLACES_OF_ACTION[quantity], on, None, *code,
+        where or PLACES_OF_ACTION[quantity], on, None, *code, times=times_of(factor),
     )  # fmt: skip
 
 
@@ -306,6 +312,17 @@ def hat(quantity: str, variable: str, number: str, at: float, half: float, side:
 def product(quantity: str, variable: str, over: str) -> Term:
     """A line in one variable that becomes steeper with another."""
     return _term(quantity, f"{variable}_{over}", f"{variable} * {over}", (variable, over))
+
+
+def multiplied(term: Term, over: str) -> Term:
+    """The term, a curve say, in proportion to another variable."""
+    own = term.factor if term.kind == kinds.DECAY else f"({term.factor})"
+    unit = VARIABLE_UNITS.get(over)
+    return dataclasses.replace(
+        term, name=f"{term.quantity}_{over}_times{term.name.removeprefix(term.quantity)}", factor=f"{own} * {over}",
+        unit=f"{term.unit} per {unit}" if unit else term.unit, width=term.width / USUAL_VALUES.get(over, 1.0),
+        depends_on=tuple(dict.fromkeys((*term.depends_on, VARIABLE_NAMES[over]))), times=over,
+    )  # fmt: skip
 
 
 def size(quantity: str, variable: str) -> Term:

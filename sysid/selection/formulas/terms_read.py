@@ -24,6 +24,7 @@ from sysid.selection.formulas.factors import (
     SEEN_BY,
     STEP_PATTERN,
     factor_code,
+    times_of,
 )
 from sysid.selection.formulas.terms import (
     RAIL_NAMES,
@@ -35,6 +36,7 @@ from sysid.selection.formulas.terms import (
     decay,
     hat,
     library,
+    multiplied,
     only_at,
     only_beyond,
     size,
@@ -106,6 +108,11 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
         if counted:
             return only_at(term, counted, int(k)) if (f"{quantity}_{condition}", quantity) in _known_terms() else None
         return only_beyond(term, variable, float(at), 1.0 if sign == ">" else -1.0)
+    if over := times_of(factor):
+        inner = factor.removesuffix(f" * {over}")
+        inner = inner[1:-1] if inner.startswith("(") else inner
+        term = _read(name.replace(f"{over}_times_", "", 1), quantity, inner)
+        return None if term is None else multiplied(term, over)
     if found := BEND_PATTERN.fullmatch(factor):
         return bend(quantity, found[1] or found[5], *code[1][1:])
     if found := STEP_PATTERN.fullmatch(factor):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import models.effect_catalogue
-from models.analytic.factors import BEND, HAT, PRODUCT, VARIABLE, FactorArguments, TermRow, factor_value
+from models.analytic.factors import BEND, HAT, VARIABLE, FactorArguments, TermRow, factor_value
 from models.effect_catalogue import add_folder, effect_class
 from models.errors import BadInput
 from models.formula import MAX_TERMS, TERM_HOOKS
@@ -30,7 +30,7 @@ from sysid.selection.formulas import terms as terms_room
 from sysid.selection.formulas.description import describe, source_from
 from sysid.selection.formulas.effect_file import effect_source
 from sysid.selection.formulas.factors import SEEN_BY
-from sysid.selection.formulas.families import counted_shapes, curve, shapes, shapes_at_one, shapes_beyond
+from sysid.selection.formulas.families import counted_shapes, curve, shapes, shapes_at_one, shapes_beyond, shapes_times
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.terms import Shape, Term, condition, effect_from_terms, library
 from sysid.selection.formulas.terms_read import term_from_json
@@ -49,6 +49,12 @@ SHAPES += [
         ("drag_speed_fade", "x", 0), ("drag_x_curve_16_0", "order", 1),
     )
 ]  # fmt: skip
+SHAPES += [
+    family[-1 if one == "fade" else k]
+    for q, over in (("drag", "x"), ("grip", "x"), ("image_x", "x"))
+    for one, k, family in zip(("curve", "fade"), (0, 0), shapes_times(q, "order", over, 0.0, 1.0), strict=True)
+]
+SHAPES += shapes_times("image_x", "order", "x", 0.0, 1.0)[0]
 COUNTS = {"rail": 4, "number": 3, "table": 3, "player": 3}
 TERMS = list({t.name: t for t in (*library(TABLE, COUNTS), *(t for shape in SHAPES for t in shape))}.values())
 
@@ -141,6 +147,9 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
             families = shapes(quantity, variable, low, high)
             families += shapes_beyond(families[-1][0], "order", 0.0, 1.0) if variable != "order" else []
             families += shapes_at_one(quantity, *counted, variable, 0.0, 3.0) if variable == "along" else []
+            families += (
+                shapes_times(quantity, variable, "time", low, high) if variable not in ("heading", "time") else []
+            )
             terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
             for term in terms:
@@ -156,7 +165,7 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
 
 def values_of(shape: Shape, values: dict[str, float]) -> list[float]:
     """Factors of terms for a ball, or an impact."""
-    rows = [TermRow(0.0, 0.0, float(t.kind), *t.constants, *[0.0] * 3) for t in shape]
+    rows = [TermRow(0.0, 0.0, float(t.kind), *t.constants, *[0.0] * 4) for t in shape]
     return [factor_value(row, FactorArguments(values[VARIABLES[int(row.a)]], *[0.0] * 7)) for row in rows]
 
 
@@ -219,10 +228,9 @@ def test_the_text_of_a_factor_says_what_its_code_does(quantity: str) -> None:
             "sin": math.sin, "exp": math.exp,
         }  # fmt: skip
         v = variables[VARIABLES[int(numbers[0])]] if VARIABLE <= term.kind <= HAT or term.kind == BEND else 0.0
-        if term.kind == PRODUCT:
-            v = math.prod(variables[VARIABLES[int(code)]] for code in term.constants)
-        row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0, 0.0)
+        row = TermRow(0.0, 0.0, float(term.kind), *numbers, 0.0, 0.0, 0.0, 0.0)
         found = factor_value(row, FactorArguments(v, x, y, vx, vy, wz, first, second))
+        found *= 1.0 if term.times is None else variables[term.times]
         if term.only is not None and not eval(condition(term.only), {"__builtins__": {}}, variables):
             found = 0.0
         said = eval(term.factor, {"__builtins__": {}}, variables)  # our own text
@@ -239,6 +247,7 @@ WRITTEN = [
     ("drag_x_down_from", "cushion_e_along_up_from", "cushion_mu_rail_0_along_above", "cushion_mu_rail_1_along_up_from"),
     ("drag_x_order", "cushion_mu_wz_hour", "ball_e_approach_cloth_age", "image_x_y_order", "grip_slip_warmth"),
     ("spin_x", "spin_wz_order", "clock_time_order", "clock_y", "image_x_xy"),
+    ("image_x_x_times_order_curve_8_3", "drag_x_times_order_fade", "grip_x_times_order_curve_4_2", "ball_e_order"),
 ]
 
 
