@@ -186,6 +186,14 @@ def _hold_along_face(kept, contact, step, passes, force, moved):  # type: ignore
 
 
 @compiled_in_place
+def _cloth_friction(kept, contact, laws, step):  # type: ignore[no-untyped-def]
+    """Friction of the cloth under the ball that a contact presses onto it."""
+    i, j, _, nx, ny = contact
+    under = i if j < 0 or is_pressed(step.b[i], step.b[j], nx, ny) else j
+    return followed(laws.cloth[0], step.slide_factors[under], kept[CLOTH_SHARE])
+
+
+@compiled_in_place
 def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     """Let two bodies push and rub each other in a step: the row of their contact, and changes dv of the balls.
 
@@ -232,10 +240,7 @@ def meet(kept, meeting, laws, step, solver):  # type: ignore[no-untyped-def]
     hold = NOT_HELD
     if cushion and kept[SOFT] > MIN_COMPLIANCE:
         hold = _hold_along_face(kept, contact, step, passes, force, moved)
-    cloth = laws.cloth[0]
-    if kept[CLOTH_SHARE] != 0.0:
-        under = i if cushion or is_pressed(b[i], b[j], nx, ny) else j
-        cloth = followed(cloth, step.slide_factors[under], kept[CLOTH_SHARE])
+    cloth = _cloth_friction(kept, contact, laws, step)
     law = ContactLaw(
         kept[MU], kept[GAIN], kept[DECAY], kept[SINE], cloth, radius, across, kept[DOWN], kept[SINK], hold
     )  # fmt: skip

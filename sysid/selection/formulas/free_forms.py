@@ -29,15 +29,8 @@ from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, SPLINE_R
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
+from sysid.selection.formulas import families
 from sysid.selection.formulas.factors import SEEN_BY
-from sysid.selection.formulas.families import (
-    counted_shapes,
-    local_curves,
-    shapes,
-    shapes_at_one,
-    shapes_beyond,
-    shapes_times,
-)
 from sysid.selection.formulas.terms import (
     COEFFICIENT_WIDTHS,
     COUNTED_VARIABLES,
@@ -83,31 +76,27 @@ class Block:
         """Its class of effects, of its name or another."""
         return free_form(name or self.name, 1 + doors.TERM_HOOKS.index(self.quantity), *self.axes, 4 * self.width)
 
-    @property
-    def is_fine(self) -> bool:
-        """Whether it resolves a small part of its range."""
-        return self.axes[0].kind == SPLINE and self.axes[0].intervals == FINE_INTERVALS
-
     def shapes(self, seen: Mapping[str, Span]) -> list[list[Shape]]:
         """Families of terms that it may be, over the ranges of what was seen."""
         variable, axis = self.variables[0], self.axes[0]
         if self.known:
             one, other = self.variables
-            found = [family for shape in self.known for family in shapes_beyond(shape, other, *seen[other])]
+            found = [family for shape in self.known for family in families.shapes_beyond(shape, other, *seen[other])]
             if one in seen:
-                found += shapes_beyond(tuple(straight(self.quantity, other, 0)), one, *seen[one])
+                found += families.shapes_beyond(tuple(straight(self.quantity, other, 0)), one, *seen[one])
                 line = any(term.factor == one for shape in self.known for term in shape)
-                found += shapes_times(self.quantity, other, one, *seen[other][:2], beside=line)
-                found += shapes_times(self.quantity, one, other, *seen[one][:2])
+                found += families.shapes_times(self.quantity, other, one, *seen[other][:2], beside=line)
+                found += families.shapes_times(self.quantity, one, other, *seen[one][:2])
             return found
         if len(self.variables) > 1:
             over = self.variables[1]
-            return shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))
+            return families.shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))
         if axis.kind == STEPS:
-            return counted_shapes(self.quantity, variable, axis.count)
+            return families.counted_shapes(self.quantity, variable, axis.count)
         span = seen.get(variable, AROUND)
-        local = local_curves(self.quantity, variable, span.low, span.high) if self.is_fine else []
-        return [*shapes(self.quantity, variable, *span), *local]
+        fine = axis.kind == SPLINE and axis.intervals == FINE_INTERVALS  # it resolves a small part of its range
+        local = families.local_curves(self.quantity, variable, span.low, span.high) if fine else []
+        return [*families.shapes(self.quantity, variable, *span), *local]
 
     def correlations(self) -> list[Array]:
         """Of its coefficients (k, k), for each smoothness."""
