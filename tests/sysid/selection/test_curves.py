@@ -13,13 +13,19 @@ from sysid.selection.formulas.description import describe
 from sysid.selection.formulas.families import curve, shapes_beyond
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.free_forms import Span, blocks
-from sysid.selection.formulas.terms import Term, only_at, step, straight
+from sysid.selection.formulas.terms import Shape, Term, only_at, step, straight
 from sysid.selection.formulas.terms_read import term_from_json
 
 
 def _entry(term: Term) -> dict[str, Any]:
     """A term as an earlier result names it."""
     return {"name": term.name, "door": term.quantity, "factor": term.factor, "value": 0.01}
+
+
+def _fit_of(shape: Shape, value: float) -> SimpleNamespace:
+    """A fit in which all its coefficients have one value."""
+    names = tuple(f"unexplained.{one.name}" for one in shape)
+    return SimpleNamespace(names=names, constants=np.full(len(shape), value), value=lambda name: (value, 1e-4))
 
 
 def test_a_curve_bridges_what_the_clips_do_not_tell() -> None:
@@ -39,13 +45,30 @@ def test_a_curve_bridges_what_the_clips_do_not_tell() -> None:
 def test_a_formula_that_leaves_something_is_refined_over_parts_of_its_range() -> None:
     seen = {"x": Span(-1.8, 1.8), "y": Span(-0.9, 0.9)}
     coarse, fine = (blocks(seen, {}, known) for known in ((), [(step("drag", "x", 0.4),)]))
-    assert not any(one.is_fine for one in coarse)
-    (one,) = [block for block in fine if block.is_fine]
+    most = max(one.axes[0].intervals for one in coarse)
+    (one,) = [block for block in fine if block.axes[0].intervals > most]
     assert (one.quantity, one.variables) == ("drag", ("x",)) and len(one.correlations()) > len(coarse[0].correlations())
     narrow = [shape for family in one.shapes(seen) for shape in family if shape[0].name.startswith("drag_x_curve_64_")]
     spans = [max(t.constants[1] for t in shape) - min(t.constants[1] for t in shape) for shape in narrow]
     assert len(narrow) == 15 and max(spans) == pytest.approx(3.6 / 8, abs=1e-3)
     assert all(term_from_json(_entry(t))[0].name == t.name for shape in narrow for t in shape)
+
+
+def test_what_is_proportional_to_one_variable_may_change_with_another() -> None:
+    seen = {"x": Span(-1.8, 1.8), "order": Span(0.0, 1.0)}
+    both = dict[str, list[Shape]]()
+    for known in ((straight("image_x", "x", 0)[0],), curve("image_x", "order", 0.0, 1.0, 8)):
+        beside = [block for block in blocks(seen, {}, [known]) if block.known]
+        both[known[0].name] = [shape for block in beside for family in block.shapes(seen) for shape in family]
+    for known, found in both.items():
+        sizes = {len(shape) for shape in found if shape[0].name.startswith("image_x_x_times_order_curve_")}
+        assert sizes == ({4, 8, 16} if known == "image_x_x" else {5, 9, 17}), "the line itself is known"
+        assert any(shape[0].name == "image_x_x_times_order_fade" for shape in found)
+    whole = next(one for one in found if one[0].name == "image_x_x_times_order_curve_8_0")
+    assert {t.times for t in whole} == {"x"} and {t.unit for t in whole} == {"m per m"}
+    told = describe(SparseFormula(whole, (1.0,) * 9, np.full(9, 0.003)), _fit_of(whole, 0.003), None)  # type: ignore[arg-type]
+    assert told["curves"][0]["quantity"] == "shift of the image along x, times x [m per m]"
+    assert told["curves"][0]["variable"] == "order" and len(told["curves"][0]["at"]) == 9
 
 
 def test_what_a_rail_or_a_ball_does_may_depend_on_anything_else() -> None:
@@ -71,7 +94,8 @@ def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None
     assert set(found) == {("order", "x"), ("order", "speed"), ("number", "order")}
     factors = [t.factor for family in found["order", "x"].shapes(seen) for shape in family for t in shape]
     assert {"(x > -1.62) * (order > 0.6)", "(x < 1.62) * (order > 0.6)", "(order < 0.3) * (x)"} < set(factors)
-    assert len(factors) == 38 + 4, "and a line of the other on either side of the places between clips"
+    sides = [one for one in factors if one.startswith(("(x ", "(order "))]
+    assert len(sides) == 38 + 4, "and a line of the other on either side of the places between clips"
     places = {one.variables: one for one in blocks(seen, {}, [tuple(straight("drag", "x", 0))]) if one.known}
     factors = [t.factor for family in places["x", "order"].shapes(seen) for shape in family for t in shape]
     assert factors[:4] == [f"(order {sign} {at}) * (x)" for sign in "><" for at in (0.3, 0.7)], "between clips alone"
