@@ -161,7 +161,7 @@ class World:
 
     def _strike_cushion(self, ball: Ball, out: tuple[float, float], speed: float, seen: Seen) -> None:
         """Impulses at the nose and at the cloth below, until the work is returned."""
-        e, mu, cloth = self.cushion_e(seen), self.cushion_mu(seen), self.slide(seen)
+        e, mu, cloth = self.cushion_e(seen), self.cushion_mu(seen), self._cloth(ball, seen.number)
         point = (out[0] * NOSE_COS, out[1] * NOSE_COS, NOSE_SIN)
         step = self.mass * speed / IMPULSE_STEPS
         work, least, returned = 0.0, 0.0, False
@@ -235,6 +235,11 @@ class World:
             size = min(cloth * down, 2.0 / 7.0 * self.mass * slip) / slip
             self._add(ball, (-size * ux, -size * uy), (-size * ux, -size * uy, 0.0), (0.0, 0.0, -1.0))
 
+    def _cloth(self, ball: Ball, number: int) -> float:
+        """Friction of the cloth under a ball as it comes to an impact."""
+        slip = math.hypot(ball[2] - self.radius * ball[5], ball[3] + self.radius * ball[4])
+        return self.slide(Seen(ball, number, slip=slip, order=self.order, celsius=self.celsius))
+
     def _meet(self, one: Ball, two: Ball, a: int, b: int) -> None:
         dx, dy = two[0] - one[0], two[1] - one[1]
         gap = math.hypot(dx, dy)
@@ -246,7 +251,7 @@ class World:
         n = (dx / gap, dy / gap)
         slip = math.hypot(*self._slips(one, two, n))
         seen = Seen(one, a, slip, closing, other=b, order=self.order, celsius=self.celsius)
-        e, mu, cloth = self.ball_e(seen), self.ball_mu(seen), self.slide(seen)
+        e, mu, cloth = self.ball_e(seen), self.ball_mu(seen), (self._cloth(one, a), self._cloth(two, b))
         step = 0.5 * self.mass * closing / IMPULSE_STEPS
         work, least, returned = 0.0, 0.0, False
         while True:
@@ -268,15 +273,17 @@ class World:
                 break
             work += done
 
-    def _pair(self, one: Ball, two: Ball, n: tuple[float, float], impulse: float, mu: float, cloth: float) -> None:
-        """One step of the normal impulse between two balls, by its middle."""
+    def _pair(
+        self, one: Ball, two: Ball, n: tuple[float, float], impulse: float, mu: float, cloth: tuple[float, float]
+    ) -> None:
+        """One step of the normal impulse between two balls, by its middle; `cloth`: its friction under each."""
         middle = one[:], two[:]
         self._pair_from(*middle, (one[:], two[:]), n, 0.5 * impulse, mu, cloth)
         self._pair_from(one, two, middle, n, impulse, mu, cloth)
 
     def _pair_from(
         self, one: Ball, two: Ball, now: tuple[Ball, Ball], n: tuple[float, float], impulse: float, mu: float,
-        cloth: float,
+        cloth: tuple[float, float],
     ) -> None:  # fmt: skip
         """The same by the slips of two states."""
         mass = self.mass
@@ -287,8 +294,8 @@ class World:
         fx, fy, fz = -size * st * tx, -size * st * ty, -size * sz
         self._add(one, (-impulse * n[0] + fx, -impulse * n[1] + fy), (fx, fy, fz), (n[0], n[1], 0.0))
         self._add(two, (impulse * n[0] - fx, impulse * n[1] - fy), (-fx, -fy, -fz), (-n[0], -n[1], 0.0))
-        self._press(one, p, -fz, cloth)
-        self._press(two, q, fz, cloth)
+        self._press(one, p, -fz, cloth[0])
+        self._press(two, q, fz, cloth[1])
 
     def _slips(self, one: Ball, two: Ball, n: tuple[float, float]) -> tuple[float, float]:
         """Velocity of one ball's surface over the other's where they touch, across and up."""

@@ -9,7 +9,7 @@ import pytest
 
 from sysid.clips import read_clip_set
 from tests.examination.__main__ import make
-from tests.examination.motion import Ball, World
+from tests.examination.motion import Ball, Seen, World
 
 
 def rolled(ball: Ball, radius: float) -> float:
@@ -45,8 +45,19 @@ def test_a_ball_slides_rolls_and_stops_where_closed_forms_say() -> None:
 def test_a_cushion_returns_what_it_is_told_of_a_ball_without_friction() -> None:
     world = World(cushion_e=lambda seen: 0.8, cushion_mu=lambda seen: 0.0, slide=lambda seen: 0.0)
     ball = [0.0, 0.0, 1.0, 0.3, 0.0, 0.0, 0.0]
-    world._strike_cushion(ball, (1.0, 0.0), 1.0, None)  # type: ignore[arg-type]
+    world._strike_cushion(ball, (1.0, 0.0), 1.0, Seen(ball, 0))
     assert ball[2:4] == pytest.approx([-0.8, 0.3])
+
+
+def test_the_cloth_under_a_ball_in_an_impact_is_that_of_the_ball() -> None:
+    """Of two that meet, friction presses the second here: what the cloth has under the first is of no matter."""
+    after = []
+    for under in ((0.2, 0.2), (0.9, 0.2), (0.2, 0.9)):
+        world = World(ball_e=lambda seen: 0.9, ball_mu=lambda seen: 0.1, slide=lambda seen, u=under: u[seen.number])
+        one, two = [0.0, 0.0, 1.0, 0.0, 0.0, 30.0, 0.0], [0.0524, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        world._meet(one, two, 0, 1)
+        after.append([*one, *two])
+    assert after[0] == after[1] and after[0] != after[2]
 
 
 def test_a_set_is_read_and_says_nothing_of_what_is_hidden(tmp_path: Path) -> None:

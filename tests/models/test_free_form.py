@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -12,6 +13,7 @@ from models import formula as doors
 from models.free_form import ALONE, Axis, FreeForm, free_form
 from models.model_file import full_model
 from models.shot import Array, Ball, Shot, Table
+from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
@@ -54,6 +56,27 @@ def test_a_constant_function_is_the_constant() -> None:
     tilted = free_form("push", doors.PUSH_X, Axis.around("heading", 8), ALONE, 9.0)(*np.full(8, 0.02))
     (moved,) = simulate(base.add(tilted), [shot])
     assert np.abs(moved.position - one.position).max() > 1e-3
+
+
+def test_sidespin_dies_as_fast_as_a_function_says() -> None:
+    """Deceleration alpha (1 + 0.4) of the struck ball's."""
+    model = full_model(TABLE, BALL).with_values({"decoupled_cloth.spin": 20.0})
+    faster = model.add(free_form("one", doors.SPIN, Axis.counted("number", 1), ALONE, 9.0)(0.4))
+    shot = Shot(("cue",), np.zeros((1, 2)), np.array([[0.5, 0.0]]), np.array([[0.0, 0.0, 40.0]]), np.array([0.0, 1.0]))
+    for one, rate in ((model, 20.0), (faster, 28.0)):
+        for engine, within in (("events", 1e-9), ("mujoco", 0.05)):
+            track = simulate(dataclasses.replace(one, engine=engine), [shot])[0]
+            assert track.spin[-1, 0, 2] == pytest.approx(40.0 - rate, abs=within)
+
+
+def test_a_late_picture_shows_balls_where_they_come_to() -> None:
+    model, times = full_model(TABLE, BALL), np.linspace(0.0, 1.0, 6)
+    late = model.add(free_form("one", doors.CLOCK, Axis.counted("number", 2), ALONE, 9.0)(0.004, -0.003))
+    v = np.array([[1.5, 0.2], [-0.3, 0.4]])
+    shot = Shot(("cue", "red"), np.array([[-0.3, 0.0], [0.2, 0.5]]), v, np.zeros((2, 3)), times)
+    (true,), (seen,) = observed(model, [shot]), observed(late, [shot])
+    delay = np.array([0.004, -0.003])[:, None]
+    np.testing.assert_allclose(seen.position, true.position + delay * true.velocity, atol=1e-12)
 
 
 def test_it_pickles() -> None:
