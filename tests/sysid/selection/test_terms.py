@@ -143,9 +143,8 @@ def test_every_shape_is_read_again_as_it_was_written() -> None:
             families = shapes(quantity, variable, low, high)
             families += shapes_beyond(families[-1][0], "order", 0.0, 1.0) if variable != "order" else []
             families += shapes_at_one(quantity, *counted, variable, 0.0, 3.0) if variable == "along" else []
-            families += (
-                shapes_times(quantity, variable, "time", low, high) if variable not in ("heading", "time") else []
-            )
+            plain = variable not in ("heading", "time")
+            families += shapes_times(quantity, variable, "time", low, high) if plain else []
             terms = list(dict.fromkeys(term for family in families for shape in family for term in shape))
             assert len({(term.name, term.factor) for term in terms}) == len(terms)
             for term in terms:
