@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from models.effects.cloth.worn_patch import WornPatch
 from models.model_file import full_model
+from models.shot import Ball, Table
 from sysid.clips import read_clip_set
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import WindowFit, fit_from_nothing
@@ -27,10 +30,13 @@ from sysid.selection.names import Found, with_likelier_name
 from sysid.selection.rivals import likeliest_first
 from sysid.selection.scoring.signatures import candidate
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import next_cause, outdoes, search, without_needless
+from sysid.selection.search import is_at_bound, next_cause, outdoes, search, without_needless
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]
+
+
+LARGEST_PATCH_M = WornPatch.parameters()["radius"]["bounds"][1]
 
 
 @pytest.fixture(scope="module")
@@ -179,6 +185,20 @@ def test_a_cause_does_not_rest_on_one_shot() -> None:
     far = int(np.argmax(np.abs(jacobian[:, :, 1].mean(axis=1) - 0.5)))
     everywhere, one = odds(noise + np.where(np.arange(15) == far, 3.0, 0.0)[:, None])
     assert everywhere > 10.0 and one < 3.0
+
+
+@pytest.mark.parametrize(("values", "there"), [
+    ({"radius": 0.4}, False), ({"radius": LARGEST_PATCH_M}, True), ({"slide": 0.0}, False),
+])  # fmt: skip
+def test_an_effect_that_ends_at_a_bound_is_known_by_it(values: dict[str, float], there: bool) -> None:
+    """A patch as large as one may be stands for half of the table; one that does nothing stands where it vanishes."""
+    patch = WornPatch(**{"roll": 0.3, "slide": 0.2, "radius": 0.4} | values)
+    model = full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)).add(patch)
+    names = tuple(f"worn_patch.{key}" for key in WornPatch.parameters())
+    view: Any = SimpleNamespace(
+        names=names, model=model, point=SimpleNamespace(constants=np.array([model.parameters()[n] for n in names]))
+    )
+    assert is_at_bound(view, [Unknown(name, 0.0, 1.0, True) for name in names]) is there
 
 
 def test_what_a_parameter_may_be_is_known_beforehand() -> None:
