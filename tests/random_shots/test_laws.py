@@ -64,5 +64,5 @@ def test_a_nap_does_no_work_on_a_ball_in_flight() -> None:
     played = play(one)
     assert breaches(one, played) == []
     samples = played.samples.copy()
-    samples[0, 2 * ENERGY_WINDOW, 0, 2] += 1.0
+    samples[0, 2 * ENERGY_WINDOW, 0, 2] += np.copysign(1.0, samples[0, 2 * ENERGY_WINDOW, 0, 2])
     assert [b.law for b in breaches(one, with_samples(played, samples))] == ["energy"]
