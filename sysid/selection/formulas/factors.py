@@ -63,9 +63,9 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
     if cell := CELL_PATTERN.fullmatch(factor):
         x, half_x, y, half_y = (float(v) for v in cell.group(2, 3, 5, 6))
         return kinds.BOX, (-x if cell[1] == "+" else x, half_x, -y if cell[4] == "+" else y, half_y)
-    if times := TIMES_PATTERN.fullmatch(factor):
-        inner = times[1].removeprefix("(").removesuffix(")") if times[1].startswith("(") else times[1]
-        plain = times[2] in SEEN_BY.get(quantity, ()) and not TIMES_PATTERN.fullmatch(inner)
+    inner, over = without_times(factor)
+    if over is not None:
+        plain = over in SEEN_BY.get(quantity, ()) and not TIMES_PATTERN.fullmatch(inner)
         return factor_code(quantity, inner) if plain else None
     for pattern, kind in (
         (STEP_PATTERN, kinds.ABOVE), (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
@@ -91,7 +91,13 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
 
 def times_of(factor: str) -> str | None:
     """The variable with which a factor is multiplied, in its condition if it has one; None for 1."""
-    if only := ONLY_PATTERN.fullmatch(factor):
-        return times_of(only[6])
+    only = ONLY_PATTERN.fullmatch(factor)
+    return without_times(only[6] if only else factor)[1]
+
+
+def without_times(factor: str) -> tuple[str, str | None]:
+    """A factor without the variable with which it is multiplied, and that variable, None for 1."""
     found = TIMES_PATTERN.fullmatch(factor)
-    return found[2] if found and factor not in FIXED_FACTORS else None
+    if found is None or factor in FIXED_FACTORS:
+        return factor, None
+    return found[1][1:-1] if found[1].startswith("(") else found[1], found[2]

@@ -153,8 +153,8 @@ def shapes_times(
 
     They are 0 in the middle of the range beside a line of the other variable.
     """
-    intervals = [curve(quantity, variable, low, high, count, at_one=True) for count in CURVE_INTERVALS]
-    curves = [tuple(one for k, one in enumerate(shape) if not beside or 2 * k + 1 != len(shape)) for shape in intervals]
+    whole = [curve(quantity, variable, low, high, count, at_one=True) for count in CURVE_INTERVALS]
+    curves = [tuple(one for k, one in enumerate(shape) if not beside or 2 * k + 1 != len(shape)) for shape in whole]
     found = [[tuple(multiplied(one, over) for one in shape) for shape in curves]]
     if variable in DECAY_VARIABLES:
         decays = [multiplied(decay(quantity, variable, part), over) for part in places_in(0.0, high - low)]

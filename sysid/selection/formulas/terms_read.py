@@ -24,7 +24,7 @@ from sysid.selection.formulas.factors import (
     SEEN_BY,
     STEP_PATTERN,
     factor_code,
-    times_of,
+    without_times,
 )
 from sysid.selection.formulas.terms import (
     RAIL_NAMES,
@@ -108,9 +108,8 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
         if counted:
             return only_at(term, counted, int(k)) if (f"{quantity}_{condition}", quantity) in _known_terms() else None
         return only_beyond(term, variable, float(at), 1.0 if sign == ">" else -1.0)
-    if over := times_of(factor):
-        inner = factor.removesuffix(f" * {over}")
-        inner = inner[1:-1] if inner.startswith("(") else inner
+    inner, over = without_times(factor)
+    if over is not None:
         term = _read(name.replace(f"{over}_times_", "", 1), quantity, inner)
         return None if term is None else multiplied(term, over)
     if found := BEND_PATTERN.fullmatch(factor):
