@@ -21,7 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from models.analytic.crossings import Gaps, nearer, until_bend, until_gap
+from models.analytic.crossings import NearestLines, nearer, until_bend, until_nearest
 from models.analytic.crossings import until_edge as until_edge  # also for files of effects that name them here
 from models.analytic.crossings import until_line as until_line
 from models.analytic.factors import ABOVE, BEND, BOX, HAT, FactorArguments, TermRow, factor_value
@@ -186,6 +186,15 @@ def _of_impact(term: TermRow, hit: ImpactState) -> float:
     return value if term.times == NONE else value * of_impact(term.times, hit)
 
 
+@compiled
+def _of_image(term: TermRow, image: ImageState) -> float:
+    if term.within != NONE and not _acts(term, of_image(term.within, image)):
+        return 0.0
+    v = of_image(term.a, image)
+    value = factor_value(term, FactorArguments(v, image.x, image.y, image.vx, image.vy, 0.0, image.number, -1.0))
+    return value if term.times == NONE else value * of_image(term.times, image)
+
+
 @dataclass(frozen=True)
 class Formula(Effect):
     """Base of all formulas: `formula` makes one, whose parameters are the coefficients of its terms."""
@@ -253,7 +262,8 @@ class Formula(Effect):
 
     def horizon(self, ball: BallState) -> float:
         """Until it crosses the edge of a cell, a line, or where a curve bends [s]."""
-        left, across_x, across_y = math.inf, Gaps(math.inf, -math.inf), Gaps(math.inf, -math.inf)
+        nowhere = NearestLines(math.inf, -math.inf)
+        left, across_x, across_y = math.inf, nowhere, nowhere
         for k in range(MAX_TERMS):
             _, door, factor, a, b, c, d, within, which, _, _ = _term(self, k)
             if door == 0.0:
@@ -276,8 +286,8 @@ class Formula(Effect):
                 elif factor == HAT:
                     left = min(left, until_bend(ball, a, b, c))
         if ball.vx * ball.vx + ball.vy * ball.vy > 0.0:
-            left = min(left, until_gap(across_x, ball.vx, ball.ax))
-            left = min(left, until_gap(across_y, ball.vy, ball.ay))
+            left = min(left, until_nearest(across_x, ball.vx, ball.ax))
+            left = min(left, until_nearest(across_y, ball.vy, ball.ay))
         return left
 
     def impact(self, hit: ImpactState) -> None:
@@ -296,15 +306,8 @@ class Formula(Effect):
             term = _term(self, k)
             if term.door == 0.0:
                 break
-            acts = IMAGE_X <= term.door <= CLOCK
-            if acts and (term.within == NONE or _acts(term, of_image(term.within, image))):
-                v = of_image(term.a, image)
-                value = factor_value(
-                    term, FactorArguments(v, image.x, image.y, image.vx, image.vy, 0.0, image.number, -1.0)
-                )
-                if term.times != NONE:
-                    value *= of_image(term.times, image)
-                along_x, along_y = shift(term.door, term.coefficient * value, image)
+            if IMAGE_X <= term.door <= CLOCK:
+                along_x, along_y = shift(term.door, term.coefficient * _of_image(term, image), image)
                 dx, dy = dx + along_x, dy + along_y
         image.x += dx
         image.y += dy

@@ -23,7 +23,7 @@ def _until(gap: float, speed: float, acceleration: float) -> float:
     return min(first if first > 0.0 else math.inf, second if second > 0.0 else math.inf)
 
 
-class Gaps(NamedTuple):
+class NearestLines(NamedTuple):
     """How far the nearest lines across an axis lie from a ball [m]."""
 
     ahead: float = math.inf  # towards the axis's positive side, or on it
@@ -31,19 +31,21 @@ class Gaps(NamedTuple):
 
 
 @compiled
-def nearer(gaps: Gaps, gap: float) -> Gaps:
+def nearer(lines: NearestLines, gap: float) -> NearestLines:
     """The nearest lines, with one more."""
-    return Gaps(min(gaps.ahead, gap), gaps.behind) if gap >= 0.0 else Gaps(gaps.ahead, max(gaps.behind, gap))
+    if gap >= 0.0:
+        return NearestLines(min(lines.ahead, gap), lines.behind)
+    return NearestLines(lines.ahead, max(lines.behind, gap))
 
 
 @compiled
-def until_gap(gaps: Gaps, speed: float, acceleration: float) -> float:
+def until_nearest(lines: NearestLines, speed: float, acceleration: float) -> float:
     """When a ball first crosses one of them: of those on one side that is the nearest [s]; inf if never."""
     left = math.inf
-    if gaps.ahead < math.inf:
-        left = _until(gaps.ahead, speed, acceleration)
-    if gaps.behind > -math.inf:
-        left = min(left, _until(gaps.behind, speed, acceleration))
+    if lines.ahead < math.inf:
+        left = _until(lines.ahead, speed, acceleration)
+    if lines.behind > -math.inf:
+        left = min(left, _until(lines.behind, speed, acceleration))
     return left
 
 

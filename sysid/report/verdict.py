@@ -109,10 +109,15 @@ def _missing(found: DiscoveryResult) -> str:
         form = f" ({rest['form']})" if rest["form"] else ""
         beside = "and beside it " if parts else ""
         parts.append(f"{beside}something outside the catalogue: {rest['where']}{depends}{form}")
-    if not parts and found.shown_once:
-        name, clip = next(iter(found.shown_once.items()))
+    if not parts and (alone := _shown_by_one_clip(found)):
+        name, clip = alone
         return f"nothing that more than one clip shows; {clip} alone shows {name}"
     return ", ".join(parts) or "nothing that these clips show; the model suffices"
+
+
+def _shown_by_one_clip(found: DiscoveryResult) -> tuple[str, str] | None:
+    """An effect that one clip alone shows, with that clip, where nothing is named."""
+    return None if found.verdict else next(iter(found.shown_once.items()), None)
 
 
 def _with_values(found: DiscoveryResult, name: str) -> str:
@@ -176,8 +181,8 @@ def _next_step(found: DiscoveryResult) -> str:
         if all(term["door"] in IMAGE_QUANTITIES for term in found.unexplained["terms"]):
             return f"calibrate the camera again, as what is left is in its picture and not on the table; or {add}"
         return add
-    if not found.verdict and found.shown_once:
-        name, clip = next(iter(found.shown_once.items()))
+    if alone := _shown_by_one_clip(found):
+        name, clip = alone
         return f"film more shots like {clip}, to see whether {name} is there"
     shot, remedies = found.next_shot, _remedies(found)
     at_table = f"{' and '.join(remedies)}, then film again" if remedies else ""

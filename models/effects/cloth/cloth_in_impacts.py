@@ -1,4 +1,4 @@
-"""Cloth whose sliding friction differs within impacts as it does outside them.
+"""Cloth with one law of sliding friction, within impacts as outside them.
 
 A nose presses a ball onto the cloth, and a collision presses one of the two. The base meets them with its own sliding
 friction, whatever another effect makes of it (a worn place, a chalked ball, a speed). Here what such effects change
@@ -30,4 +30,4 @@ class ClothInImpacts(Effect):
 
     def impact(self, hit: ImpactState) -> None:
         """The cloth under a ball that is pressed onto it."""
-        hit.cloth += self.share
+        hit.cloth_share += self.share
