@@ -1,9 +1,9 @@
 """A free form: one quantity as an unknown smooth function of one or two variables, where no law is known.
 
-The function is a tensor product of uniform cubic B-splines, periodic ones for a heading, and of steps for what is
-counted (rails, balls): linear in its coefficients, so that a fit knows its derivatives by one probe each. Outside its
-range it goes on as at the end. The hooks are compiled once; which quantity and variables they read stands, with the
-splines, in the effect's row of parameters behind the coefficients (compare models/formula.py).
+The function is a tensor product of uniform cubic B-splines, periodic ones for a heading, of steps for what is counted
+(rails, balls), and of a variable itself: linear in its coefficients, so that a fit knows its derivatives by one probe
+each. Outside its range it goes on as at the end. The hooks are compiled once; which quantity and variables they read
+stands, with the splines, in the effect's row of parameters behind the coefficients (compare models/formula.py).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from models.hooks import Layout
 from models.variables import NONE, VARIABLES, of_ball, of_image, of_impact
 
 MAX_COEFFICIENTS = 32
-STEPS, SPLINE, PERIODIC = range(3)  # kinds of axes
+STEPS, SPLINE, PERIODIC, LINE = range(4)  # kinds of axes
 SPLINE_REACH = 3  # number of coefficients of a spline beyond its intervals
 AXIS_FIELDS = ("variable", "low", "step", "count", "kind")
 LAYOUT: Layout = (
@@ -57,6 +57,11 @@ class Axis:
         """A step for each of so many rails or balls."""
         return cls(VARIABLES.index(variable), 0.0, 1.0, count, STEPS)
 
+    @classmethod
+    def along(cls, variable: str, unit: float) -> Axis:
+        """A line through 0, which is 1 at one unit: the function is in proportion to the variable."""
+        return cls(VARIABLES.index(variable), 0.0, unit, 1, LINE)
+
     @property
     def intervals(self) -> int:
         """Between its nodes."""
@@ -81,6 +86,8 @@ def _weights(
 ) -> tuple[int, float, float, float, float]:
     """The first of four coefficients that count at a value, and their weights."""
     at = (value - low) / step
+    if kind == LINE:
+        return 0, at, 0.0, 0.0, 0.0
     if kind == STEPS:
         return min(max(math.floor(at + 0.5), 0), int(count) - 1), 1.0, 0.0, 0.0, 0.0
     if kind == PERIODIC:

@@ -19,8 +19,8 @@ import numpy as np
 
 from sysid.estimation.problem import Array, Index
 from sysid.selection.fits.view import FitView, ShotLosses
+from sysid.selection.formulas.causes import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS
-from sysid.selection.formulas.free_forms import USUAL_SIZES, log_odds, mean_odds
 from sysid.selection.formulas.terms import Shape
 from sysid.selection.scoring.evidence import Evidence, chi2_of_known
 from sysid.selection.scoring.signatures import Candidate

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Generic
 
+from sysid.selection.formulas.causes import causes
 from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, SparseFormula, parameters_of
-from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.judgement import Judged, Threshold, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
 from sysid.selection.scoring.score import Score, Scores

@@ -19,6 +19,7 @@ from typing import Generic
 
 from models.formula import HOOK_RANGES
 from sysid.selection.centring import centred
+from sysid.selection.formulas.causes import causes
 from sysid.selection.formulas.formula import (
     EFFECT_NAME,
     RIVAL_SHARE,
@@ -31,7 +32,6 @@ from sysid.selection.formulas.formula import (
     parameters_of,
     reshaped,
 )
-from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.formulas.terms import Shape
 from sysid.selection.judgement import (

@@ -21,7 +21,7 @@ import numpy as np
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array, Index
 from sysid.selection.fits.view import projected_on
-from sysid.selection.formulas.free_forms import log_odds, mean_odds
+from sysid.selection.formulas.causes import log_odds, mean_odds
 from sysid.selection.judgement import ERROR_RATE, Threshold, Unknown, covariances, over_scatter, unknowns_of
 from sysid.selection.scoring.score import Linearised, add_known
 from sysid.selection.scoring.signatures import candidate

@@ -88,3 +88,14 @@ def test_it_pickles() -> None:
 def test_too_many_coefficients_are_refused() -> None:
     with pytest.raises(ValueError, match="40 coefficients; give 1 to 32"):
         free_form("wide", doors.DRAG, Axis.over("x", 0, 1, 5), Axis.over("y", 0, 1, 2), 1.0)
+
+
+def test_a_function_times_a_variable() -> None:
+    """A clock that runs 0.2 % slow in half of a session: the picture is late by that much of the time."""
+    model, times = full_model(TABLE, BALL), np.linspace(0.0, 1.0, 6)
+    axes = Axis.over("order", 0.0, 1.0, 1), Axis.along("time", 2.0)
+    slow = model.add(free_form("one", doors.CLOCK, *axes, 9.0)(*np.full(4, 0.004)))
+    shot = Shot(("cue",), np.zeros((1, 2)), np.array([[1.5, 0.2]]), np.zeros((1, 3)), times)
+    (true,), (seen,) = observed(model, [shot]), observed(slow, [shot])
+    late = 0.002 * times[:, None, None]
+    np.testing.assert_allclose(seen.position, true.position + late * true.velocity, atol=1e-12)

@@ -163,6 +163,15 @@ def shapes_times(
     return found
 
 
+def shapes_of_drift(
+    quantity: str, line: str, over: str, low: float, high: float, places: tuple[float, ...] | None = None
+) -> list[list[Shape]]:
+    """What is in proportion to one variable, and differs over the range of another: as a line, a step, or a curve."""
+    families: list[list[Shape]] = [[(multiplied(straight(quantity, over, 0)[0], line),)]]
+    families += shapes_beyond(tuple(straight(quantity, line, 0)), over, low, high, places)
+    return families + shapes_times(quantity, over, line, low, high)
+
+
 def shapes_as(like: Term, low: float, high: float, places: tuple[float, ...] | None = None) -> list[list[Shape]]:
     """The shapes of the variable of a term's factor under the same condition."""
     return [

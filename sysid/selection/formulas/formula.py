@@ -22,17 +22,9 @@ from models.formula import HOOK_RANGES, MAX_TERMS, TERM_HOOKS
 from models.variables import SESSION_VARIABLES
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
+from sysid.selection.formulas.causes import Cause, causes
 from sysid.selection.formulas.families import shapes_as
-from sysid.selection.formulas.free_forms import (
-    Block,
-    Cause,
-    Span,
-    blocks,
-    causes,
-    counts_of,
-    free_candidates,
-    ranges,
-)
+from sysid.selection.formulas.free_forms import Block, Span, blocks, counts_of, free_candidates, ranges
 from sysid.selection.formulas.shapes import at_likeliest_places, likeliest, shape_candidates, shape_of, without_terms
 from sysid.selection.formulas.terms import (
     QUANTITY_TEXTS,
@@ -253,14 +245,14 @@ def reshaped(
 def _families_of(group: Shape, found: SparseFormula, base: Point) -> list[list[Shape]] | None:
     """Families of shapes to which one belongs; None if it is no shape of a function."""
     seen, _, free = _functions(base, found, joint=True)
-    if group[0].is_on_one_side and group[0].variable in seen:
-        return shapes_as(group[0], *seen[group[0].variable])
+    variable = group[0].variable
+    alike = shapes_as(group[0], *seen[variable]) if group[0].is_on_one_side and variable in seen else []
     names = [term.name for term in group]
     for block in [one for one in free if one.quantity == group[0].quantity and not one.known]:
         families = block.shapes(seen)
         if any(names == [term.name for term in shape] for family in families for shape in family):
-            return families
-    return None
+            return [*alike, *families]
+    return alike or None
 
 
 def _alike(shape: Shape, found: Sequence[Cause], terms: Sequence[Shape]) -> tuple[str, ...]:

@@ -1,16 +1,10 @@
-"""Where a fit lacks something, and of what it depends there: all causes, named or not, by one marginal likelihood.
+"""Unknown functions that a fit may lack: of every quantity, over what its hook sees of balls, impacts and sessions.
 
-In: the quadratic losses of a fit's shots beside all candidates (`Scores`). Out: `Cause`s, the likeliest first.
+In: what the clips have seen of each variable, and a formula. Out: `Block`s: free forms (models/free_form.py) to score,
+with the shapes that each may turn out to be.
 
-A named effect adds its parameters, a free form (models/free_form.py) an unknown smooth function: both are Gaussian
-unknowns beside the constants. A function is a Gaussian process of unknown size and smoothness; a named effect has an
-unknown size about its usual one. With projected information S and gradient g of the unknowns and their covariance C,
-the marginal likelihood with them over that without is
-
-    log B = g' (S + C^-1)^-1 g / 2 - log det(1 + C S) / 2
-
-(C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, chapter 5), averaged over sizes
-and smoothnesses. What many coefficients could explain by chance is so paid for, without a threshold for each.
+A quantity may depend on one variable, on two of which one is known to matter, or on one in proportion to another: what
+an effect of the latter does may drift over a session. A function is a Gaussian process of unknown size and smoothness.
 """
 
 from __future__ import annotations
@@ -25,7 +19,18 @@ from typing import NamedTuple
 import numpy as np
 
 from models import formula as doors
-from models.free_form import ALONE, MAX_COEFFICIENTS, PERIODIC, SPLINE, SPLINE_REACH, STEPS, Axis, FreeForm, free_form
+from models.free_form import (
+    ALONE,
+    LINE,
+    MAX_COEFFICIENTS,
+    PERIODIC,
+    SPLINE,
+    SPLINE_REACH,
+    STEPS,
+    Axis,
+    FreeForm,
+    free_form,
+)
 from models.variables import SESSION_VARIABLES, VARIABLES
 from sysid.clips import Clip
 from sysid.estimation.problem import Array
@@ -34,23 +39,20 @@ from sysid.selection.formulas.factors import SEEN_BY
 from sysid.selection.formulas.terms import (
     COEFFICIENT_WIDTHS,
     COUNTED_VARIABLES,
+    DRIFT_VARIABLES,
     RAIL_NAMES,
     VARIABLE_PAIRS,
     Shape,
     step,
     straight,
 )
-from sysid.selection.scoring.score import Scores
 from sysid.selection.scoring.signatures import Candidate, candidate
 
 MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 FINE_INTERVALS = 24  # of the splines of what a formula already depends on
 SHORTEST = 1.25  # length over which a function varies, at least, between the nodes of its splines
-SIZES = np.geomspace(3e-3, 1.0, 12)  # standard deviations of a function, over its quantity's width
-USUAL_SIZES = np.geomspace(0.05, 3.0, 12)  # the same of a named effect, over its usual value
 FASTEST_QUANTILE = 0.95  # of the speeds of a track between frames, which beyond it may be outliers
-LEAST_VARIANCE = 1e-9  # added to a covariance, of its mean variance
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,12 @@ class Block:
     @property
     def name(self) -> str:
         """Of the effect."""
-        return "_".join(("free", self.quantity, "by", *self.variables))
+        return "_".join(("free", self.quantity, "by", ("_times_" if self.is_drift else "_").join(self.variables)))
+
+    @property
+    def is_drift(self) -> bool:
+        """Whether it is in proportion to its second variable, and how steep it is an unknown function of the first."""
+        return self.axes[1].kind == LINE
 
     @property
     def width(self) -> float:
@@ -88,6 +95,9 @@ class Block:
                 found += families.shapes_times(self.quantity, other, one, *seen[other][:2], beside=line)
                 found += families.shapes_times(self.quantity, one, other, *seen[one][:2])
             return found
+        if self.is_drift:
+            one, other = self.variables
+            return families.shapes_of_drift(self.quantity, other, one, *seen[one])
         if len(self.variables) > 1:
             over = self.variables[1]
             return families.shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))
@@ -105,13 +115,19 @@ class Block:
             finest = SHORTEST / max(axis.intervals for axis in self.axes if axis.kind != STEPS)
             while parts[-1] / 2 >= finest:
                 parts.append(parts[-1] / 2)
-        return [np.asarray(np.kron(*(_correlation(axis, part) for axis in self.axes)), float) for part in parts]
+        found = [np.asarray(np.kron(*(_correlation(axis, part) for axis in self.axes)), float) for part in parts]
+        return [_centred(one) for one in found] if self.is_drift else found
+
+
+def _centred(covariance: Array) -> Array:
+    """Of coefficients (k, k) without what is alike in all: in proportion to a variable alone is another function."""
+    return np.asarray(covariance - covariance.mean(axis=0) - covariance.mean(axis=1)[:, None] + covariance.mean())
 
 
 def _correlation(axis: Axis, part: float) -> Array:
     """Of the coefficients of an axis: squared exponential, round for a heading; steps are independent."""
     away = axis.step * np.abs(np.subtract.outer(np.arange(axis.count), np.arange(axis.count)))
-    if axis.kind == STEPS:
+    if axis.kind in (STEPS, LINE):
         return np.eye(axis.count)
     if axis.kind == PERIODIC:
         return np.asarray(np.exp(-0.5 * (2 * np.sin(away / 2) / (2 * np.pi * part)) ** 2))
@@ -184,6 +200,7 @@ def blocks(
     fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
+    lines = {name: Axis.along(name, max(abs(seen[name].low), abs(seen[name].high))) for name in seen}
     plain = _without_conditions(formula)
     known = {(shape[0].quantity, shape[0].variable) for shape in plain}
     found = []
@@ -198,6 +215,9 @@ def blocks(
             beside = any((quantity, name) in known for name in pair)
             if pair in VARIABLE_PAIRS or ((joint or beside) and few):
                 found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
+        drifts = [name for name in its if name in DRIFT_VARIABLES and name in seen]
+        for pair in itertools.product(drifts, [name for name in its if name in lines and name not in drifts]):
+            found.append(Block(quantity, pair, (axes[pair[0]], lines[pair[1]])))
         for name in [name for name in its if (quantity, name) in known and name not in COUNTED_VARIABLES]:
             own = tuple(shape for shape in plain if (shape[0].quantity, shape[0].variable) == (quantity, name))
             for other in [other for other in its if other in seen and other != name]:
@@ -223,75 +243,6 @@ def _coarse(name: str, seen: Mapping[str, Span]) -> Axis:
     if name == "heading":
         return Axis.around(name, MAX_COEFFICIENTS // each)
     return Axis.over(name, seen[name].low, seen[name].high, each - SPLINE_REACH)
-
-
-@dataclass(frozen=True)
-class Cause:
-    """What may be missing."""
-
-    name: str
-    log_odds: float  # marginal likelihood with it over that with nothing
-    block: Block | None  # None for a named effect
-    mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
-    gain: float  # fall of chi-square by these, predicted
-
-
-def log_odds(information: Array, gradient: Array, covariance: Array) -> Array:
-    """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module.
-
-    Args:
-        information: (..., k, k) of the losses.
-        gradient: (..., k) where the unknowns do nothing.
-        covariance: (..., k, k) of the unknowns.
-    """
-    root = np.linalg.cholesky(_regular(covariance))
-    across = np.swapaxes(root, -1, -2)
-    matrix, right = np.eye(root.shape[-1]) + across @ information @ root, across @ gradient[..., None]
-    fall = np.sum(right * np.linalg.solve(matrix, right), axis=(-1, -2))
-    return np.asarray(0.5 * fall - 0.5 * np.linalg.slogdet(matrix)[1])
-
-
-def _regular(covariance: Array) -> Array:
-    """That has an inverse: (..., k, k)."""
-    k = covariance.shape[-1]
-    mean = np.trace(covariance, axis1=-2, axis2=-1)[..., None, None] / k
-    return np.asarray(covariance + LEAST_VARIANCE * mean * np.eye(k))
-
-
-def causes(scores: Scores, free: Sequence[Block] = ()) -> list[Cause]:
-    """All candidates that were scored, the likeliest first; those of blocks are `free`."""
-    by_name = {block.name: block for block in free}
-    usual = usual_values(scores)
-    found = [cause_of(scores, usual, (name,), by_name.get(name)) for name in scores.blocks]
-    return sorted(found, key=lambda cause: -cause.log_odds)
-
-
-def usual_values(scores: Scores) -> dict[str, Array]:
-    """Of the parameters of every candidate that was scored."""
-    return {row.candidate.name: row.candidate.usual() for row in scores.rows}
-
-
-def cause_of(scores: Scores, usual: dict[str, Array], names: Sequence[str], block: Block | None = None) -> Cause:
-    """A candidate, which may be a block, or several together, as a cause of the first one's name."""
-    at = np.concatenate([np.arange(scores.blocks[name].start, scores.blocks[name].stop) for name in names])
-    probe = scores.probe[at]
-    information = scores.schur_information[np.ix_(at, at)] / np.outer(probe, probe)
-    gradient = scores.gradient[at] / probe
-    if block is None:
-        size_of = np.concatenate([usual[name] for name in names])
-        priors = [np.diag((size * size_of) ** 2) for size in USUAL_SIZES]
-    else:
-        priors = [(size * block.width) ** 2 * shape for shape in block.correlations() for size in SIZES]
-    odds = log_odds(information, gradient, np.stack(priors))
-    prior = priors[int(np.argmax(odds))]
-    mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
-    gain = -float(2.0 * gradient @ mean + mean @ information @ mean)
-    return Cause(names[0], float(mean_odds(odds)), block, mean, gain)
-
-
-def mean_odds(odds: Array) -> Array:
-    """Log odds (...,) of what is one of n things, each as likely beforehand, from those of the things: (n, ...)."""
-    return np.asarray(np.logaddexp.reduce(odds, axis=0) - math.log(len(odds)))
 
 
 def free_candidates(free: Sequence[Block]) -> list[Candidate]:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Collection, Sequence
 import numpy as np
 
 from models.analytic import factors as kinds
+from sysid.selection.formulas.causes import Cause, cause_of, mean_odds, usual_values
 from sysid.selection.formulas.families import PARTS_OF_RANGE
-from sysid.selection.formulas.free_forms import Cause, cause_of, mean_odds, usual_values
 from sysid.selection.formulas.terms import Shape, effect_from_terms
 from sysid.selection.scoring.score import Scores
 from sysid.selection.scoring.signatures import Candidate, candidate

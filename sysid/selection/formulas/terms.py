@@ -309,14 +309,9 @@ def hat(quantity: str, variable: str, number: str, at: float, half: float, side:
     return _term(quantity, f"{variable}_curve_{number}", factor, (variable,), 0.0)
 
 
-def product(quantity: str, variable: str, over: str) -> Term:
-    """A line in one variable that becomes steeper with another."""
-    return _term(quantity, f"{variable}_{over}", f"{variable} * {over}", (variable, over))
-
-
 def multiplied(term: Term, over: str) -> Term:
     """The term, a curve say, in proportion to another variable."""
-    own = term.factor if term.kind == kinds.DECAY else f"({term.factor})"
+    own = term.factor if term.kind == kinds.DECAY or term.factor.isidentifier() else f"({term.factor})"
     unit = VARIABLE_UNITS.get(over)
     return dataclasses.replace(
         term, name=f"{term.quantity}_{over}_times{term.name.removeprefix(term.quantity)}", factor=f"{own} * {over}",
@@ -353,8 +348,6 @@ def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Col
         for variable in variables:
             if variable not in without:
                 found += straight(quantity, variable, counts.get(variable, 0))
-        lines = [name for name in variables if name not in (*COUNTED_VARIABLES, *SESSION_VARIABLES, "heading")]
-        found += [product(quantity, name, over) for name in lines for over in DRIFT_VARIABLES if over not in without]
     for axis in "xy":
         found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
     found.append(_term("side", "one", "1.0", ()))

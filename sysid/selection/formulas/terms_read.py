@@ -110,7 +110,8 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
         return only_beyond(term, variable, float(at), 1.0 if sign == ">" else -1.0)
     inner, over = without_times(factor)
     if over is not None:
-        term = _read(name.replace(f"{over}_times_", "", 1), quantity, inner)
+        plain = name.replace(f"{over}_times_", "", 1)
+        term = _known_terms().get((plain, quantity)) or _read(plain, quantity, inner)
         return None if term is None else multiplied(term, over)
     if found := BEND_PATTERN.fullmatch(factor):
         return bend(quantity, found[1] or found[5], *code[1][1:])

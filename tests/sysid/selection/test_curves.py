@@ -89,7 +89,8 @@ def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None
     """Beside a shape of a formula functions of its variable and another one are sought, and no others of two."""
     seen = {"x": Span(-1.8, 1.8), "order": Span(0.0, 1.0, (0.3, 0.7)), "speed": Span(0.0, 3.0)}
     late = (step("drag", "order", 0.6),)
-    found = {one.variables: one for one in blocks(seen, {"number": 2}, [late]) if len(one.variables) > 1}
+    two = [one for one in blocks(seen, {"number": 2}, [late]) if len(one.variables) > 1]
+    found = {one.variables: one for one in two if not one.is_drift}
     assert {one.quantity for one in found.values()} == {"drag"}
     assert set(found) == {("order", "x"), ("order", "speed"), ("number", "order")}
     factors = [t.factor for family in found["order", "x"].shapes(seen) for shape in family for t in shape]
@@ -106,3 +107,20 @@ def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None
         "order > 0.6",
         "speed > 1.2",
     ]
+
+
+def test_what_an_effect_does_may_drift() -> None:
+    """A quantity in proportion to a variable, times an unknown function of the session without its mean."""
+    seen = {"time": Span(0.0, 4.0), "order": Span(0.0, 1.0, (0.3, 0.7)), "warmth": Span(-3.0, 5.0, (1.0,))}
+    drifts = {(one.quantity, one.variables): one for one in blocks(seen, {}) if one.is_drift}
+    assert {variables for quantity, variables in drifts if quantity == "clock"} == {
+        ("order", "time"),
+        ("warmth", "time"),
+    }
+    one = drifts["clock", ("order", "time")]
+    assert one.name == "free_clock_by_order_times_time" and one.effect().name() == one.name
+    for covariance in one.correlations():
+        np.testing.assert_allclose(covariance.sum(axis=0), 0.0, atol=1e-12)
+    factors = {shape[0].factor for family in one.shapes(seen) for shape in family}
+    assert {"order * time", "(order > 0.3) * (time)", "(order < 0.7) * (time)", "exp(-order / 0.3) * time"} <= factors
+    assert any("min(max(" in factor and factor.endswith(" * time") for factor in factors)

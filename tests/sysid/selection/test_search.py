@@ -21,8 +21,8 @@ from sysid.estimation.split import Split, fit_on, split
 from sysid.selection.fits.by_whole_shots import ByWholeShots
 from sysid.selection.fits.by_windows import ByWindows
 from sysid.selection.fits.view import ShotLosses
+from sysid.selection.formulas.causes import causes
 from sysid.selection.formulas.formula import SparseFormula
-from sysid.selection.formulas.free_forms import causes
 from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.formulas.terms import library
 from sysid.selection.judgement import Threshold, Unknown, judged, over_one_shot, over_scatter, unknowns_of

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import math
 import pickle
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +15,10 @@ import pytest
 import models.effect_catalogue
 from models.analytic.factors import BEND, HAT, VARIABLE, FactorArguments, TermRow, factor_value
 from models.effect_catalogue import add_folder, effect_class
-from models.errors import BadInput
 from models.formula import MAX_TERMS, TERM_HOOKS
 from models.hooks import address, hooks_of
 from models.model_file import full_model
-from models.shot import Ball, Session, Shot, Table, Track
+from models.shot import Session, Shot, Track
 from models.simulation.observe import observed
 from models.simulation.simulate import simulate
 from models.variables import SESSION_VARIABLES, VARIABLES
@@ -30,33 +27,18 @@ from sysid.selection.formulas import terms as terms_room
 from sysid.selection.formulas.description import describe, source_from
 from sysid.selection.formulas.effect_file import effect_source
 from sysid.selection.formulas.factors import SEEN_BY
-from sysid.selection.formulas.families import counted_shapes, curve, shapes, shapes_at_one, shapes_beyond, shapes_times
+from sysid.selection.formulas.families import (
+    curve,
+    shapes,
+    shapes_at_one,
+    shapes_beyond,
+    shapes_times,
+)
 from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.terms import Shape, Term, condition, effect_from_terms, library
 from sysid.selection.formulas.terms_read import term_from_json
-from tests.support.clip_samples import refusal
 from tests.support.effect_files import file_faults
-
-TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
-SHAPES = [family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:]]
-SHAPES += [family[-1] for family in shapes_at_one("cushion_mu", "rail", 2, "along", -1.7, 1.7)]
-SHAPES += counted_shapes("cushion_e", "rail", 4)[1]
-SHAPES += [
-    shapes_beyond(next(one for one in SHAPES if one[0].name == name), over, -0.7, 1.3)[side][4]
-    for name, over, side in (
-        ("drag_x_above", "order", 0), ("grip_order_up_from", "y", 1), ("cushion_e_along_size", "grazing", 1),
-        ("drag_speed_fade", "x", 0), ("drag_x_curve_16_0", "order", 1),
-    )
-]  # fmt: skip
-SHAPES += [family[0] for q in ("drag", "grip") for family in shapes_times(q, "order", "x", 0.0, 1.0)]
-SHAPES += shapes_times("image_x", "order", "x", 0.0, 1.0)[0]
-COUNTS = {"rail": 4, "number": 3, "table": 3, "player": 3}
-TERMS = list({t.name: t for t in (*library(TABLE, COUNTS), *(t for shape in SHAPES for t in shape))}.values())
-
-
-def terms_of(*names: str) -> list[Term]:
-    return [next(t for t in TERMS if t.name == n) for n in names]
+from tests.support.formula_terms import BALL, TABLE, TERMS, terms_of, told
 
 
 def shots(order: float = 0.4) -> list[Shot]:
@@ -68,14 +50,6 @@ def shots(order: float = 0.4) -> list[Shot]:
         v[0], w[0] = velocity, spin
         found.append(Shot(names, place, v, w, np.linspace(0, 2, 41), session=Session(order, 14.0, 2.5, 80.0, 2.0, 1.0)))
     return found
-
-
-def told(term: Term, value: float = 0.01) -> dict[str, Any]:
-    """A term as a result.json tells it."""
-    return {
-        "name": term.name, "door": term.quantity, "factor": term.factor, "unit": term.unit, "width": term.width,
-        "value": value, "sd": None, "where": term.where, "depends_on": list(term.depends_on), "gain": 50.0,
-    }  # fmt: skip
 
 
 def track(*names: str, values: tuple[float, ...] = (), order: float = 0.0) -> Track:
@@ -240,8 +214,14 @@ WRITTEN = [
     ("drag_warmth", "cushion_e_hour", "ball_mu_cloth_age", "image_x_table_2", "grip_player_1"),
     ("cushion_e_wz", "ball_mu_wz", "drag_x_curve_16_5", "drag_speed_curve_16_16", "image_x_order", "image_y_number_1"),
     ("drag_x_down_from", "cushion_e_along_up_from", "cushion_mu_rail_0_along_above", "cushion_mu_rail_1_along_up_from"),
-    ("drag_x_order", "cushion_mu_wz_hour", "ball_e_approach_cloth_age", "image_x_y_order", "grip_slip_warmth"),
-    ("spin_x", "spin_wz_order", "clock_time_order", "clock_y", "image_x_xy"),
+    (
+        "drag_x_times_order",
+        "cushion_mu_wz_times_hour",
+        "ball_e_approach_times_cloth_age",
+        "image_x_y_times_order",
+        "grip_slip_times_warmth",
+    ),
+    ("spin_x", "spin_wz_times_order", "clock_time_times_order", "clock_y", "image_x_xy"),
     ("image_x_x_times_order_curve_8_3", "drag_x_times_order_fade", "grip_x_times_order_curve_4_2", "ball_e_order"),
 ]
 
@@ -311,81 +291,6 @@ def test_a_formula_is_an_effect_like_any_other() -> None:
     with pytest.raises(ValueError, match=f"{MAX_TERMS + 1} terms"):
         effect_from_terms("more", TERMS[: MAX_TERMS + 1], [0.01] * (MAX_TERMS + 1))
     assert {t.quantity for t in TERMS} == set(TERM_HOOKS)
-
-
-@pytest.mark.parametrize("term", [*TERMS[::7], *terms_of("ball_mu_with_2")], ids=lambda t: t.name)
-def test_a_term_of_a_result_is_found_again(term: Term) -> None:
-    found, value = term_from_json(told(term, term.width))
-    assert (found.name, found.quantity, found.factor, found.unit, found.kind, found.constants, value) == (
-        term.name, term.quantity, term.factor, term.unit, term.kind, term.constants, term.width
-    )  # fmt: skip
-
-
-EVIL = "__import__('os').system('touch evil')"
-HOSTILE = [
-    ("door", f"drag'{EVIL}"), ("door", "side"), ("door", None), ("factor", EVIL), ("factor", f"cos(heading) + {EVIL}"),
-    ("factor", f"cos(heading)\n{EVIL}"), ("factor", "np.cos(heading)"), ("factor", "x" * 100_000), ("name", EVIL),
-    ("name", "drag_cos: float = 1\n    x"), ("name", "drag_cos2"), ("name", 3), ("name", ["drag_cos"]),
-    ("value", EVIL), ("value", math.nan), ("value", math.inf), ("value", True), ("value", 10**400), ("value", 1e300),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("key", "text"), HOSTILE, ids=range(len(HOSTILE)))
-def test_a_hostile_term_is_refused(key: str, text: Any) -> None:
-    entry = told(terms_of("drag_cos")[0]) | {key: text}
-    line = refusal(lambda: source_from("odd_cloth", {"terms": [entry], "what": "it", "where": "here"}, "a test"))
-    assert "name a result.json" in line and line.isprintable() and len(line) < 600
-
-
-@pytest.mark.parametrize(
-    "factor",
-    [
-        f"abs(x - {EVIL}) <= 0.3000 and abs(y - 0.1000) <= 0.3000", "abs(x - 1e99) <= 0.3000 and abs(y - 0.1) <= 0.3",
-        "abs(x - 0.1000) <= 0.3000 and abs(y - 0.1000) <= 0.3000\n",
-        "abs(x - ٣.٣٣٣٣) <= 0.3000 and abs(y - 0.1000) <= 0.3000",
-    ],
-)  # fmt: skip
-def test_a_cell_is_read_as_numbers_alone(factor: str) -> None:
-    entry = told(terms_of("drag_at_1_1")[0]) | {"factor": factor}
-    with pytest.raises(BadInput, match="no term 'drag_at_1_1' on 'drag'"):
-        term_from_json(entry)
-
-
-@pytest.mark.parametrize(
-    "formula", [{"terms": "drag"}, {"terms": [1]}, {"terms": [told(TERMS[0])] * 2}, {"terms": [told(t) for t in TERMS]}]
-)
-def test_a_formula_that_is_none_is_refused(formula: dict[str, Any]) -> None:
-    refusal(lambda: source_from("odd_cloth", {"what": "it", "where": "here"} | formula, "a test"))
-    refusal(lambda: source_from("odd_cloth", {"terms": [told(TERMS[0])], "what": 1, "where": "here"}, "a test"))
-    refusal(lambda: source_from("Odd: x", {"terms": [told(TERMS[0])], "what": "it", "where": "here"}, "a test"))
-
-
-SPITEFUL = [
-    f'"""\n{EVIL}\n"""',
-    f'" + {EVIL} + "',
-    "ends in \\",
-    'ends in "',
-    f"{{{EVIL}}} %s \\N{{DEGREE}} \x00\u2028\ud800",
-]
-
-
-@pytest.mark.parametrize("text", SPITEFUL, ids=range(len(SPITEFUL)))
-def test_words_of_a_result_stay_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
-    """Quotes, backslashes and line breaks in what a result or a file's name says neither break nor run."""
-    monkeypatch.setattr(models.effect_catalogue, "_added", {})
-    monkeypatch.chdir(tmp_path)
-    entry = told(terms_of("drag_at_1_1")[0]) | {"unit": text, "where": text, "depends_on": [text], "width": text}
-    written = source_from("odd_cloth", {"terms": [entry], "what": text, "where": text, "form": text}, text)
-    tree = ast.parse(written.encode())
-    assert " ".join(text.split())[:20] in (ast.get_docstring(tree, clean=False) or "").replace("\n", " ")
-    assert [type(node).__name__ for node in tree.body] == ["Expr", *["ImportFrom"] * 4, "ClassDef"]
-    called = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
-    assert called <= {"param", "push_along", "until_edge", "abs", "dataclass"}
-    path = tmp_path / "odd_cloth.py"
-    path.write_bytes(written.encode())
-    add_folder(path)
-    assert effect_class("odd_cloth").parameters()["drag_at_1_1"]["unit"] == "m/s^2"
-    assert not (tmp_path / "evil").exists()
 
 
 def test_a_parameter_stands_where_its_row_has_it() -> None:
