@@ -38,7 +38,7 @@ from sysid.selection.formulas.formula import SparseFormula
 from sysid.selection.formulas.terms import Shape, Term, condition, effect_from_terms, library
 from sysid.selection.formulas.terms_read import term_from_json
 from tests.support.effect_files import file_faults
-from tests.support.formula_terms import BALL, TABLE, TERMS, terms_of, told
+from tests.support.formula_terms import BALL, COUNTS, TABLE, TERMS, terms_of, told
 
 
 def shots(order: float = 0.4) -> list[Shot]:
