@@ -77,11 +77,22 @@ def warming_lens(seen: tuple[float, float], order: float) -> tuple[float, float]
     return seen[0] * (1.0 + 0.004 * math.exp(-order / 0.3)), seen[1]
 
 
+def knocked_tripod(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is turned by 3 mrad in the last 30 % of the session."""
+    turn = 0.003 if order > 0.7 else 0.0
+    return seen[0] - turn * seen[1], seen[1] + turn * seen[0]
+
+
+def refocused_lens(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is 0.4 % longer along y after three fifths of the session."""
+    return seen[0], seen[1] * (1.004 if order > 0.6 else 1.0)
+
+
 PICTURES = {
     one.__name__: one
     for one in (
         *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
         *(folded_picture, bumped_camera, wavy_picture, fish_eye, swaying_camera, narrow_side),
-        *(breathing_lens, twisted_picture, warming_lens),
+        *(breathing_lens, twisted_picture, warming_lens, knocked_tripod, refocused_lens),
     )
 }
