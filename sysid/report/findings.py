@@ -117,7 +117,7 @@ def shot_lines(shots: Sequence[NextShot]) -> list[str]:
             f"{'then' if number else 'next shot'} ({shot.why}):",
             f"  {shot.in_words()}: {shot.sigmas:.0f} standard deviations apart",
         ]
-    if shots:
+    if shots and shots[-1].doubt < 1.0:  # of many that may hide, none is improbable
         count = "this shot" if len(shots) == 1 else f"these {len(shots)} shots"
         lines.append(f"after {count} the probability of confusing two models is below {_percent(shots[-1].doubt)}")
     return lines

@@ -123,7 +123,7 @@ def propose_shots(
     for rival in rivals:
         seen = _look_ahead(rival.fit, planned, clips, rival.covariance, sigma)
         apart.append(seen.apart(seen.residuals))
-    return _sequence(planned, np.array(apart), [f"{why} {rival.name}" for rival in rivals], error_rate)
+    return _sequence(planned, np.array(apart), [f"{why} {rival.name}" for rival in rivals], error_rate, whole=True)
 
 
 def propose_to_show(
@@ -147,17 +147,20 @@ def propose_to_show(
         constants = np.tile([*now.constants, *value], (len(planned), 1))
         with_it = with_candidate(seen.problem, one).evaluate(seen.states, constants, which)
         apart.append(seen.apart(with_it - seen.residuals))
-        hidden = ", ".join(f"{k} = {v:.3g}" for k, v in zip(one.keys, value, strict=True))
+        hidden = ", ".join(_beside(k, v, off) for k, v, off in zip(one.keys, value, one.off(), strict=True))
         whys.append(f"these clips hardly determine {one.name}: they could hide {hidden}")
-    return _sequence(planned, np.array(apart), whys, error_rate)
+    return _sequence(planned, np.array(apart), whys, error_rate, whole=False)
 
 
 def _sequence(
-    planned: Sequence[_PlannedShot], apart: Array, whys: Sequence[str], error_rate: float
+    planned: Sequence[_PlannedShot], apart: Array, whys: Sequence[str], error_rate: float, *, whole: bool
 ) -> tuple[NextShot, ...]:
-    """Shots, each the one that leaves least doubt; `apart` (k, n) is the separation of k rivals by each shot."""
-    so_far, found, left = np.zeros(len(apart)), list[NextShot](), list(range(len(planned)))
-    while len(found) < MAX_NEXT_SHOTS:
+    """Shots, each the one that leaves least doubt; `apart` (k, n) is the separation of k rivals by each shot.
+
+    They end with the last that settles a rival, if any does, and if not the `whole` sequence is for all of them.
+    """
+    so_far, found, left, settled = np.zeros(len(apart)), list[NextShot](), list(range(len(planned))), list[int]()
+    while left and len(found) < MAX_NEXT_SHOTS:
         doubts = 0.5 * np.exp(-(so_far[:, None] + apart[:, left]) / 8.0)
         best = left[int(np.argmin(doubts.sum(axis=0)))]
         rival = int(np.argmax(np.exp(-so_far / 8.0) - np.exp(-(so_far + apart[:, best]) / 8.0)))
@@ -165,9 +168,15 @@ def _sequence(
         left.remove(best)
         doubt = min(float(0.5 * np.exp(-so_far / 8.0).sum()), 1.0)
         found.append(_told(planned[best], float(np.sqrt(apart[rival, best])), whys[rival], doubt))
+        settled.append(int(np.sum(0.5 * np.exp(-so_far / 8.0) < error_rate)))
         if doubt < error_rate:
             break
-    return tuple(found)
+    return tuple(found if whole or not settled[-1] else found[: 1 + settled.index(settled[-1])])
+
+
+def _beside(key: str, value: float, off: float) -> str:
+    """A value that is hardly other than where an effect does nothing."""
+    return f"{key} = {off:g} {value - off:+.2g}" if off else f"{key} = {value:.3g}"
 
 
 def _told(plan: _PlannedShot, sigmas: float, why: str, doubt: float) -> NextShot:

@@ -24,6 +24,9 @@ from sysid.selection.next_shot import (
     MAX_TIP_OFFSET_M,
     NextShot,
     Rival,
+    _beside,
+    _planned_shots,
+    _sequence,
     propose_shots,
 )
 from sysid.selection.scoring.score import score_all
@@ -170,6 +173,15 @@ def test_shots_part_all_rivals_and_not_one_alone(drag: Point) -> None:
     rivals = [Rival("far", far, known * 1e-6), Rival("near", drag, known)]
     shots = propose_shots(truth, rivals, SIGMA, "from", 0.01)
     assert shots[-1].why == "from near"
+
+
+def test_what_clips_may_hide_is_sought_by_shots_that_show_it() -> None:
+    """Of two effects the second shows in no shot: there is one for the first alone."""
+    planned = _planned_shots(full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)), 0)[:4]
+    apart = np.array([[30.0, 9.0, 1.0, 0.0], [0.1, 0.1, 0.2, 0.1]])
+    assert [shot.why for shot in _sequence(planned, apart, ("one", "two"), 0.05, whole=False)] == ["one"]
+    assert len(_sequence(planned, apart, ("one", "two"), 0.05, whole=True)) == 4
+    assert _beside("factor", 1.00002, 1.0) == "factor = 1 +2e-05" and _beside("rate", 0.01234, 0.0) == "rate = 0.0123"
 
 
 def test_a_problem_with_other_balls_has_their_places_as_unknowns(tmp_path: Path) -> None:
