@@ -22,6 +22,7 @@ from sysid.selection.centring import centred
 from sysid.selection.formulas.causes import causes
 from sysid.selection.formulas.formula import (
     EFFECT_NAME,
+    MAX_FUNCTIONS,
     RIVAL_SHARE,
     SEPARATED_LOG_ODDS,
     UNNAMED_EFFECT,
@@ -196,11 +197,25 @@ def _with_shape(
 ) -> Round[V]:
     """Add the likeliest effect, or a shape if that explains more of what the effect leaves; see `_effects`."""
     best, threshold = effects.best, effects.threshold
-    if seen.found[0].log_odds > threshold.sure and (best is None or not best.view.leaves_noise):
+    if best is not None and not is_at_bound(best.view, best.unknowns):
+        seen = unexplained_by(best.view, seen)
+    if seen.found and seen.found[0].log_odds > threshold.sure and (best is None or not best.view.leaves_noise):
         found = explained_by_shape(start, less, seen, formula, best, threshold)
         if found is not None:
             return Round(dataclasses.replace(effects.screening, best=None), *found, threshold)
     return Round(effects.screening, view if best is None else best.view, formula, threshold)
+
+
+def unexplained_by(view: V, seen: Looked) -> Looked:
+    """The functions and terms that are likely beside a fit's effect as well; see `outdoes`.
+
+    The others have the law of the effect: none of their shapes could take its place.
+    """
+    ours = [one for one in seen.found if one.name not in seen.named][:MAX_FUNCTIONS]
+    beside = causes(view.scores([seen.row(one).candidate for one in ours]), [one.block for one in ours if one.block])
+    likely = {one.name: one.log_odds > 0.0 for one in beside}
+    kept = [one for one in seen.found if likely.get(one.name, one.is_of_order)]  # of order: see `grown`
+    return dataclasses.replace(seen, found=kept)
 
 
 def may_act_at(hook: str, one: Candidate) -> bool:

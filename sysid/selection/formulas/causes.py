@@ -40,6 +40,11 @@ class Cause:
     mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
     gain: float  # fall of chi-square by these, predicted
 
+    @property
+    def is_of_order(self) -> bool:
+        """Whether it is a function of the clips' order."""
+        return self.block is not None and "order" in self.block.variables
+
 
 def log_odds(information: Array, gradient: Array, covariance: Array) -> Array:
     """Marginal likelihood with Gaussian unknowns over that without, of quadratic losses; see the module.

@@ -207,7 +207,7 @@ def grown(before: SparseFormula | None, base: Point, looked: Looked) -> list[Spa
     quantity, on = shape[0].quantity, shape[0].depends_on
     own = [
         one.log_odds for one in found
-        if one.block and one.block.quantity == quantity and "order" in one.block.variables
+        if one.block is not None and one.block.quantity == quantity and one.is_of_order
     ]  # fmt: skip
     if not OF_SESSIONS & set(on) and max(own, default=-math.inf) > found[0].log_odds - SEPARATED_LOG_ODDS:
         log.info("%s may equally differ from clip to clip", quantity)
