@@ -14,7 +14,7 @@ from models.compiled import compiled
     COS,  # cos(a heading)
     SIN,  # sin(a heading)
     VARIABLE,  # (v - b)^c
-    ABOVE,  # 1 where v > b
+    ABOVE,  # 1 where v > b, or with c = -1 where v < b
     EQUAL,  # 1 where v = b
     DECAY,  # exp(-v / b)
     HAT,  # 1 where v = b, falling to 0 at b - c and b + c; with d = 1 it stays 1 below b, with -1 above
@@ -71,7 +71,7 @@ def factor_value(term: TermRow, at: FactorArguments) -> float:
     if factor == VARIABLE:
         return (v - b) ** int(c)
     if factor == ABOVE:
-        return 1.0 if v > b else 0.0
+        return 1.0 if (v < b if c < 0.0 else v > b) else 0.0
     if factor == EQUAL:
         return 1.0 if v == b else 0.0
     if factor == DECAY:

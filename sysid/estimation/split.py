@@ -47,6 +47,7 @@ class Split:
     held_out: ShotProblem | None
     spikes: int  # samples left out as outliers
     excluded: tuple[str, ...] = ()  # shots that were excluded, a line each
+    exchanged: tuple[tuple[str, str], ...] = ()  # shots that were held out, and those that are in place of them
 
     @property
     def noise(self) -> float:
@@ -70,7 +71,7 @@ class Split:
         """The split with only those shots; the others are excluded with a line each."""
         for line in lines:
             log.info("%s", line)
-        return Split(training, held_out, self.spikes, (*self.excluded, *lines))
+        return dataclasses.replace(self, training=training, held_out=held_out, excluded=(*self.excluded, *lines))
 
     def states_of(self, found: FittedModel, files: Sequence[str]) -> Array | None:
         """Initial states of all clips, in the order of `files`: (n, p); None if some were not fitted."""

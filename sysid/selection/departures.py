@@ -133,6 +133,14 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
     return fewer, tuple(_fit_again(fewer, one, kept, rest) for one in ladder)
 
 
+def departing_held_out(last: FittedModel) -> list[int]:
+    """Held-out shots that depart from a fit that follows the others, with constants as far as it leaves them open."""
+    _, _, tau, median = _departing_from(last)
+    if last.held_out is None or median > MAX_MEDIAN:
+        return []
+    return departing(*mean_squares(last.held_out.open_residuals, MAX_RESIDUAL_SD), tau, median).tolist()
+
+
 def shared_cause(now: Point) -> str | None:
     """The kind of event after which departing shots depart; None if they share none, or none departs."""
     rows, sizes, tau, median = _departing_from(now)

@@ -20,6 +20,7 @@ from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
 from sysid.estimation.solver.blas import on_one_blas_thread
 from sysid.estimation.split import in_any_case, split
 from sysid.selection.departures import without_departing
+from sysid.selection.exchange import exchanged
 from sysid.selection.fits.by_whole_shots import ByWholeShots
 from sysid.selection.fits.by_windows import ByWindows
 from sysid.selection.formulas.description import describe
@@ -71,11 +72,15 @@ def discover(
         result, whole = _searched(result, whole, error_rate, show)
         if whole.formula is None and whole.verdict != result.verdict:  # named effects may be dropped again
             result = result.with_step(whole.view.now, whole.verdict, whole.dropped)
-        fewer = without_departing(result.parts, result.ladder) if whole.formula is None else None
-        if fewer is None:
+        fits = (*result.ladder, whole.view.now)
+        if whole.formula is None:
+            other = without_departing(result.parts, result.ladder)
+        else:
+            other = exchanged(result.parts, fits)
+        if other is None:
             return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now, error_rate)
-        result = dataclasses.replace(result, parts=fewer[0], ladder=fewer[1])
-        whole = dataclasses.replace(whole, view=ByWholeShots(result.parts, result.last))
+        result = dataclasses.replace(result, parts=other[0], ladder=other[1][: len(result.ladder)])
+        whole = dataclasses.replace(whole, view=ByWholeShots(result.parts, other[1][-1]))
         show(result)
 
 

@@ -16,7 +16,15 @@ from sysid.selection.formulas.families import (
 from sysid.selection.formulas.terms import Term, library
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
-SHAPED = (("drag", "x"), ("drag", "speed"), ("cushion_e", "along"), ("ball_mu", "slip"), ("grip", "order"))
+SHAPED = (
+    ("drag", "x"),
+    ("drag", "speed"),
+    ("cushion_e", "along"),
+    ("ball_mu", "slip"),
+    ("grip", "order"),
+    ("push_x", "x"),
+    ("image_y", "order"),
+)
 SHAPES = [family[-1] for q, v in SHAPED for family in shapes(q, v, 0.0, 1.5)[1:]]
 SHAPES += [family[-1] for family in shapes_at_one("cushion_mu", "rail", 2, "along", -1.7, 1.7)]
 SHAPES += counted_shapes("cushion_e", "rail", 4)[1]

@@ -18,7 +18,7 @@ CELL_PATTERN = re.compile(  # the factor of a cell
 STEP_PATTERN, EQUAL_PATTERN, DECAY_PATTERN, POWER_PATTERN, TIMES_PATTERN = (
     re.compile(text, re.ASCII)
     for text in (
-        rf"([a-z_]+) > {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z_]+) / {NUMBER}\)", r"([a-z_]+)(\*\*2)?",
+        rf"([a-z_]+) ([><]) {NUMBER}", r"([a-z]+) == (\d{1,3})", rf"exp\(-([a-z_]+) / {NUMBER}\)", r"([a-z_]+)(\*\*2)?",
         r"([a-z_]+|\(.+\)|exp\([^()]+\)) \* ([a-z_]+)",
     )
 )  # fmt: skip
@@ -63,12 +63,14 @@ def factor_code(quantity: str, factor: str) -> tuple[int, tuple[float, ...]] | N
     if cell := CELL_PATTERN.fullmatch(factor):
         x, half_x, y, half_y = (float(v) for v in cell.group(2, 3, 5, 6))
         return kinds.BOX, (-x if cell[1] == "+" else x, half_x, -y if cell[4] == "+" else y, half_y)
+    if (found := STEP_PATTERN.fullmatch(factor)) and found[1] in SEEN_BY.get(quantity, ()):
+        return kinds.ABOVE, (float(VARIABLES.index(found[1])), float(found[3]), *([-1.0] if found[2] == "<" else []))
     inner, over = without_times(factor)
     if over is not None:
         plain = over in SEEN_BY.get(quantity, ()) and not TIMES_PATTERN.fullmatch(inner)
         return factor_code(quantity, inner) if plain else None
     for pattern, kind in (
-        (STEP_PATTERN, kinds.ABOVE), (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
+        (EQUAL_PATTERN, kinds.EQUAL), (DECAY_PATTERN, kinds.DECAY),
         (POWER_PATTERN, kinds.VARIABLE),
     ):  # fmt: skip
         found = pattern.fullmatch(factor)

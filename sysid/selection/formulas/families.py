@@ -89,6 +89,9 @@ def shapes(
     second = [dataclasses.replace(one, name=f"{quantity}_{variable}_{SECOND_STEP}") for one in steps]
     parabola = (*plain, square(quantity, variable))
     families += [[parabola[1:]], [parabola], [(one,) for one in steps]]
+    if at_one or quantity in WITHOUT_CONSTANT:  # without a constant they are no steps above it
+        below = [step(quantity, variable, place, -1.0) for place in places]
+        families.append([(dataclasses.replace(one, limits=(low, high)),) for one in below])
     for side in (1.0, -1.0):
         bends = [bend(quantity, variable, place, side) for place in places]
         families.append([(dataclasses.replace(one, limits=(low, high)),) for one in bends])

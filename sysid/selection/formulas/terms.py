@@ -107,10 +107,10 @@ class Term:
         if self.plain is not None:
             return dataclasses.replace(only_as(self.plain.moved(at), self), name=self.name, limits=self.limits)
         variable = VARIABLES[int(self.constants[0])]
-        if self.kind == kinds.BEND:
-            term = bend(self.quantity, variable, at, self.constants[2])
+        if self.kind == kinds.DECAY:
+            term = decay(self.quantity, variable, at)
         else:
-            term = (step if self.kind == kinds.ABOVE else decay)(self.quantity, variable, at)
+            term = (step if self.kind == kinds.ABOVE else bend)(self.quantity, variable, at, *self.constants[2:])
         term = term if self.times is None else multiplied(term, self.times)
         return dataclasses.replace(term, name=self.name, limits=self.limits)
 
@@ -232,11 +232,12 @@ def square(quantity: str, variable: str) -> Term:
     return _term(quantity, f"{variable}_2", f"{variable}**2", (variable,), 2.0)
 
 
-def step(quantity: str, variable: str, at: float) -> Term:
-    """A step at a value of the variable."""
+def step(quantity: str, variable: str, at: float, side: float = 1.0) -> Term:
+    """A step at a value of the variable: a term that acts above it (side 1), or below it (-1)."""
     at = round(at, PLACE_DIGITS) + 0.0
-    where = _beyond(PLACES_OF_ACTION[quantity], Only(VARIABLES.index(variable), at, 1.0))
-    return _term(quantity, f"{variable}_{FIRST_STEP}", f"{variable} > {at:g}", (variable,), 0.0, where)
+    where = _beyond(PLACES_OF_ACTION[quantity], Only(VARIABLES.index(variable), at, side))
+    name, sign = (FIRST_STEP, ">") if side > 0 else ("below", "<")
+    return _term(quantity, f"{variable}_{name}", f"{variable} {sign} {at:g}", (variable,), 0.0, where)
 
 
 def condition(only: Only) -> str:

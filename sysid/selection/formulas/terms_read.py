@@ -116,7 +116,7 @@ def _read(name: str, quantity: str, factor: str) -> Term | None:
     if found := BEND_PATTERN.fullmatch(factor):
         return bend(quantity, found[1] or found[5], *code[1][1:])
     if found := STEP_PATTERN.fullmatch(factor):
-        one = step(quantity, found[1], float(found[2]))
+        one = step(quantity, found[1], float(found[3]), 1.0 if found[2] == ">" else -1.0)
         return dataclasses.replace(one, name=name) if name == f"{quantity}_{found[1]}_{SECOND_STEP}" else one
     if found := DECAY_PATTERN.fullmatch(factor):
         return decay(quantity, found[1], float(found[2]))

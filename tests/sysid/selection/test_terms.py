@@ -214,6 +214,7 @@ WRITTEN = [
     ("drag_warmth", "cushion_e_hour", "ball_mu_cloth_age", "image_x_table_2", "grip_player_1"),
     ("cushion_e_wz", "ball_mu_wz", "drag_x_curve_16_5", "drag_speed_curve_16_16", "image_x_order", "image_y_number_1"),
     ("drag_x_down_from", "cushion_e_along_up_from", "cushion_mu_rail_0_along_above", "cushion_mu_rail_1_along_up_from"),
+    ("push_x_x_below", "image_y_order_below", "cushion_mu_rail_1_along_below"),
     (
         "drag_x_times_order",
         "cushion_mu_wz_times_hour",
