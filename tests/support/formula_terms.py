@@ -41,7 +41,7 @@ DRIFTS = (
     ("drag", "x", "order"), ("cushion_mu", "wz", "hour"), ("ball_e", "approach", "cloth_age"), ("spin", "wz", "order"),
     ("image_x", "y", "order"), ("grip", "slip", "warmth"), ("clock", "time", "order"),
 )  # fmt: skip
-SHAPES += [family[0] for names in DRIFTS for family in shapes_of_drift(*names, 0.0, 1.0)]
+SHAPES += [family[0] for names in DRIFTS for family in shapes_of_drift(*names, (0.0, 1.0), 0.0, 1.0)]
 COUNTS = {"rail": 4, "number": 3, "table": 3, "player": 3}
 TERMS = list({t.name: t for t in (*library(TABLE, COUNTS), *(t for shape in SHAPES for t in shape))}.values())
 

@@ -30,6 +30,7 @@ from sysid.selection.formulas.terms import (
 )
 
 PARTS_OF_RANGE = 20  # first grid of steps and decays over a variable's range
+COARSE = 3  # of the places of two steps together one in three: they are refined with the fit
 CURVE_INTERVALS = (4, 8, 16)  # numbers of intervals between the hats of a curve
 LOCAL_PARTS, LOCAL_INTERVALS = (2, 4, 8), 8  # of a range over which a curve of so many intervals changes
 DECAY_VARIABLES = ("speed", "slip", "approach", "time", "order", "cloth_age")  # over which a quantity may decay
@@ -167,11 +168,22 @@ def shapes_times(
 
 
 def shapes_of_drift(
-    quantity: str, line: str, over: str, low: float, high: float, places: tuple[float, ...] | None = None
-) -> list[list[Shape]]:
-    """What is in proportion to one variable, and differs over the range of another: as a line, a step, or a curve."""
+    quantity: str, line: str, over: str, span: tuple[float, float], low: float, high: float,
+    places: tuple[float, ...] | None = None,
+) -> list[list[Shape]]:  # fmt: skip
+    """What is in proportion to one variable, and differs over the range of another: as a line, a step, or a curve.
+
+    A step in the range `span` of the first one, on one side of a place in the other, may look like that as well.
+    """
     families: list[list[Shape]] = [[(multiplied(straight(quantity, over, 0)[0], line),)]]
     families += shapes_beyond(tuple(straight(quantity, line, 0)), over, low, high, places)
+    every = places_in(low, high) if places is None else places
+    for side in (1.0, -1.0):
+        steps = [step(quantity, line, at, side) for at in places_in(*span)[::COARSE]]
+        beyond = [
+            shapes_beyond((dataclasses.replace(one, limits=span),), over, low, high, every[::COARSE]) for one in steps
+        ]
+        families += [[shape for both in beyond for shape in both[k]] for k in (0, 1)]
     return families + shapes_times(quantity, over, line, low, high)
 
 

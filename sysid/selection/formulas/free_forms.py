@@ -97,7 +97,7 @@ class Block:
             return found
         if self.is_drift:
             one, other = self.variables
-            return families.shapes_of_drift(self.quantity, other, one, *seen[one])
+            return families.shapes_of_drift(self.quantity, other, one, seen[other][:2], *seen[one])
         if len(self.variables) > 1:
             over = self.variables[1]
             return families.shapes_at_one(self.quantity, variable, axis.count, over, *seen.get(over, AROUND))

@@ -123,4 +123,5 @@ def test_what_an_effect_does_may_drift() -> None:
         np.testing.assert_allclose(covariance.sum(axis=0), 0.0, atol=1e-12)
     factors = {shape[0].factor for family in one.shapes(seen) for shape in family}
     assert {"order * time", "(order > 0.3) * (time)", "(order < 0.7) * (time)", "exp(-order / 0.3) * time"} <= factors
+    assert {"(order > 0.3) * (time > 0.8)", "(order > 0.3) * (time < 3.2)"} <= factors
     assert any("min(max(" in factor and factor.endswith(" * time") for factor in factors)
