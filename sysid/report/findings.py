@@ -154,7 +154,8 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
     lines += list(dict.fromkeys(found.parts.excluded))
     lines += [
-        f"{one}, held out, was not followed: it was fitted in place of {two}" for one, two in found.parts.exchanged
+        f"{one}, held out, was not followed: causes were sought again with it, and {two} held out"
+        for one, two in found.parts.exchanged
     ]
     if found.pruned:
         lines.append(f"added in an early round, but dropped in the end: {', '.join(found.pruned)}")

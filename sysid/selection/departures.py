@@ -141,6 +141,11 @@ def departing_held_out(last: FittedModel) -> list[int]:
     return departing(*mean_squares(last.held_out.open_residuals, MAX_RESIDUAL_SD), tau, median).tolist()
 
 
+def count_departing(last: FittedModel) -> int:
+    """How many shots depart from a fit, in training and held out."""
+    return len(_departing_from(last)[0]) + len(departing_held_out(last))
+
+
 def shared_cause(now: Point) -> str | None:
     """The kind of event after which departing shots depart; None if they share none, or none departs."""
     rows, sizes, tau, median = _departing_from(now)

@@ -18,8 +18,8 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
 from sysid.estimation.solver.blas import on_one_blas_thread
-from sysid.estimation.split import in_any_case, split
-from sysid.selection.departures import without_departing
+from sysid.estimation.split import Split, in_any_case, split
+from sysid.selection.departures import count_departing, without_departing
 from sysid.selection.exchange import exchanged
 from sysid.selection.fits.by_whole_shots import ByWholeShots
 from sysid.selection.fits.by_windows import ByWindows
@@ -44,6 +44,9 @@ def discover(
 ) -> DiscoveryResult:
     """Add missing causes until no further one is likely.
 
+    Where a formula follows the training clips and not all held-out ones, causes are sought again with these among the
+    training clips; that result is used if fewer shots depart.
+
     Args:
         clip_set: every fifth clip is held out.
         model: the start; all its constants are fitted.
@@ -51,6 +54,18 @@ def discover(
         error_rate: accepted probability that an added cause is due to chance, or different in every shot.
     """
     parts, _, model = split(clip_set, model)
+    result = _discovered(parts, model, show, error_rate)
+    while result.explained is not None and (other := exchanged(result.parts, result.explained)) is not None:
+        again = _discovered(other, model, show, error_rate)
+        few, before = (count_departing(one.explained or one.last) for one in (again, result))
+        if few >= before:
+            break
+        result = again
+    return result
+
+
+def _discovered(parts: Split, model: Model, show: Show, error_rate: float) -> DiscoveryResult:
+    """The same for clips that are split."""
     parts, at, now = fit_from_nothing(parts, model, searching=False)
     result = DiscoveryResult(parts, (now,), ((),), ())
     show(result)
@@ -72,15 +87,11 @@ def discover(
         result, whole = _searched(result, whole, error_rate, show)
         if whole.formula is None and whole.verdict != result.verdict:  # named effects may be dropped again
             result = result.with_step(whole.view.now, whole.verdict, whole.dropped)
-        fits = (*result.ladder, whole.view.now)
-        if whole.formula is None:
-            other = without_departing(result.parts, result.ladder)
-        else:
-            other = exchanged(result.parts, fits)
-        if other is None:
+        fewer = without_departing(result.parts, result.ladder) if whole.formula is None else None
+        if fewer is None:
             return _ended(result, whole, whole.view, lambda view: view.now, whole.view.now, error_rate)
-        result = dataclasses.replace(result, parts=other[0], ladder=other[1][: len(result.ladder)])
-        whole = dataclasses.replace(whole, view=ByWholeShots(result.parts, other[1][-1]))
+        result = dataclasses.replace(result, parts=fewer[0], ladder=fewer[1])
+        whole = dataclasses.replace(whole, view=ByWholeShots(result.parts, result.last))
         show(result)
 
 

@@ -1,10 +1,10 @@
 """Held-out shots that a model does not follow, although it follows the others: they and training shots change places.
 
-In: clips (`Split`) and their fits. Out: both, with such shots among those in which causes are sought.
+In: clips (`Split`) and a fit. Out: the clips, with such shots among those in which causes are sought.
 
 A law that explains a few clips may be the law of these alone. That a held-out clip contradicts it says that something
-else is missing, but not what: that shows where the clip is a training clip. So the search goes on as in another fold of
-a cross-validation.
+else is missing, but not what: that shows where the clip is a training clip. So causes are sought again, as in another
+fold of a cross-validation.
 """
 
 from __future__ import annotations
@@ -13,39 +13,35 @@ import dataclasses
 import logging
 from collections.abc import Sequence
 
-import numpy as np
-
 from sysid.clips import Clip
-from sysid.estimation.fitted import FittedModel, Point
-from sysid.estimation.problem import Array
+from sysid.estimation.fitted import FittedModel
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
-from sysid.estimation.split import Split, fit_on
+from sysid.estimation.split import Split
 from sysid.selection.departures import departing_held_out
 
 log = logging.getLogger(__name__)
 
 
-def exchanged(parts: Split, fits: Sequence[FittedModel]) -> tuple[Split, tuple[FittedModel, ...]] | None:
-    """The clips with held-out ones that the last fit does not follow used for training, and the fits to them.
+def exchanged(parts: Split, last: FittedModel) -> Split | None:
+    """The clips with held-out ones that a fit does not follow used for training.
 
     In place of each, the training clip nearest in the session is held out. None if all are followed, or had come from
     there before.
     """
-    held_out, last = parts.held_out, fits[-1]
-    if held_out is None or last.held_out is None or parts.excluded:
+    held_out, moved = parts.held_out, {file for file, _ in parts.exchanged}
+    if held_out is None:
         return None
-    moved = {file for file, _ in parts.exchanged}
     coming = [held_out.clips[k] for k in departing_held_out(last) if held_out.clips[k].file not in moved]
     going = _nearest(coming, [clip for clip in parts.training.clips if clip.file not in moved])
     if not coming or len(going) < len(coming):
         return None
-    training = _with_clips(parts.training, coming, going)
-    held = _with_clips(held_out, going, coming)
     pairs = tuple((one.file, two.file) for one, two in zip(coming, going, strict=True))
     for one, two in pairs:
-        log.info("%s, held out, is not followed: fitted in place of %s", one, two)
-    now = dataclasses.replace(parts, training=training, held_out=held, exchanged=(*parts.exchanged, *pairs))
-    return now, tuple(_fitted_again(parts, now, one) for one in fits)
+        log.info("%s, held out, is not followed: causes are sought again with it, and %s held out", one, two)
+    return dataclasses.replace(
+        parts, training=_with_clips(parts.training, coming, going), held_out=_with_clips(held_out, going, coming),
+        exchanged=(*parts.exchanged, *pairs),
+    )  # fmt: skip
 
 
 def _nearest(coming: Sequence[Clip], free: Sequence[Clip]) -> list[Clip]:
@@ -65,24 +61,3 @@ def _with_clips(problem: ShotProblem, coming: Sequence[Clip], going: Sequence[Cl
     return shot_problem(
         problem.model, problem.names, few, problem.noise, problem.known, problem.correlation_time, problem.slow_noise
     )
-
-
-def _fitted_again(before: Split, now: Split, found: FittedModel) -> FittedModel:
-    """Repeat a fit with the clips that have changed places, from the initial states that it has for all of them."""
-    problem = now.training.with_model(found.problem.model, found.names)
-    start = Point(problem, _states(before, found, now.training), found.constants, found.discrepancy_rate)
-    if now.held_out is not None and found.held_out is not None:
-        held = dataclasses.replace(found.held_out, initial_states=_states(before, found, now.held_out))
-        found = dataclasses.replace(found, held_out=held)
-    return fit_on(now, start, found, "with held-out clips exchanged")
-
-
-def _states(before: Split, found: FittedModel, part: ShotProblem) -> Array:
-    """Initial states of the clips of a problem (n, p), which a fit has for those of a split."""
-    every = before.states_of(found, [clip.file for clip in part.clips])
-    if every is None:
-        raise ValueError("shots are excluded")
-    problems = [one for one in (before.training, before.held_out) if one is not None]
-    resting = max(one.motions_from for one in problems)
-    moving = part.start.shape[1] - part.motions_from
-    return np.asarray(np.hstack([every[:, : part.motions_from], every[:, resting : resting + moving]]))

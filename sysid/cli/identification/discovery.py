@@ -156,7 +156,7 @@ class _Printed:
     """The progress of a discovery: prints each round once."""
 
     def __init__(self, progress: Progress) -> None:
-        self._progress, self._rounds = progress, 0
+        self._progress, self._rounds, self._exchanged = progress, 0, 0
 
     def rounds(self, found: DiscoveryResult) -> None:
         """Print the rounds that have not been printed yet."""
@@ -172,6 +172,11 @@ class _Printed:
         """Print the rounds that have not been printed yet, and the miss with the last effect."""
         from sysid.report.findings import miss_line
 
+        for one, two in found.parts.exchanged[self._exchanged :]:
+            self._progress.close()
+            print(f"{one}, held out, is not followed: causes are sought again with it, and {two} held out\n")
+            self._rounds = 0
+        self._exchanged = len(found.parts.exchanged)
         self.rounds(found)
         print(f"{miss_line(', '.join(found.verdict) or 'base', found.last)}\n", flush=True)
 

@@ -113,23 +113,17 @@ def test_a_held_out_shot_that_is_not_followed_changes_places_with_another(tmp_pa
     clip_set = read_clip_set(tmp_path / "set")
     parts, _, model = split(clip_set, full_model(clip_set.table, clip_set.ball))
     parts, _, now = fit_from_nothing(parts, model, searching=False)
-    assert now.held_out is not None and departing_held_out(now) == [] and exchanged(parts, [now]) is None
+    assert now.held_out is not None and departing_held_out(now) == [] and exchanged(parts, now) is None
     residuals = now.held_out.open_residuals.copy()
     residuals[1] += 3.0
     odd = dataclasses.replace(now, held_out=dataclasses.replace(now.held_out, open_residuals=residuals))
     assert departing_held_out(odd) == [1]
-    other, (again,) = exchanged(parts, [odd]) or (parts, (now,))
-    assert other.exchanged == (("clips/0010.csv", "clips/0009.csv"),)
+    other = exchanged(parts, odd)
+    assert other is not None and other.exchanged == (("clips/0010.csv", "clips/0009.csv"),)
     fitted = [clip.file for clip in other.training.clips]
     assert fitted == [f"clips/{k:04d}.csv" for k in (1, 2, 3, 4, 6, 7, 8, 10)] and other.held_out is not None
     assert [clip.file for clip in other.held_out.clips] == ["clips/0005.csv", "clips/0009.csv"]
+    other, _, again = fit_from_nothing(other, model, searching=False)
     assert again.chi2 == pytest.approx(now.chi2, rel=0.1) and departing_held_out(again) == []
-    sd = np.sqrt(np.diag(now.covariance))
-    known = np.isfinite(sd)
-    assert np.all(np.abs(again.constants - now.constants)[known] < 4 * sd[known]) and known.sum() > 5
-    back = dataclasses.replace(other, exchanged=(("clips/0005.csv", "clips/0004.csv"),))
-    residuals = again.held_out.open_residuals + 3.0 if again.held_out else residuals
-    lost = dataclasses.replace(again.held_out or now.held_out, open_residuals=residuals)
-    assert exchanged(back, [dataclasses.replace(again, held_out=lost)]) is not None
-    both = dataclasses.replace(other, exchanged=tuple((f"clips/{k:04d}.csv", "") for k in (5, 9)))
-    assert exchanged(both, [dataclasses.replace(again, held_out=lost)]) is None
+    back = dataclasses.replace(parts, exchanged=(("clips/0010.csv", "clips/0009.csv"),))
+    assert exchanged(back, odd) is None, "once"
