@@ -29,7 +29,7 @@ from models.engine.play import Layout
 from models.hooks import hooks_of
 from models.model_file import Model
 from models.shot import Shot, Track
-from models.simulation.observe import observed, undone
+from models.simulation.observe import observed, see, undone
 from models.table.sizes import BALL_DIAMETER, stated_size
 from sysid.clips import Clip, ClipSet, Observation
 from sysid.clips.plausibility import POCKET_REACH
@@ -53,6 +53,7 @@ REST_SD = 2.0  # prior sd of its displacement from where it was seen, over both 
 GROWING_RATE = 0.02  # discrepancy rate that is tolerated while the horizon grows
 MAX_EVENTS = 3  # median number of impacts beyond which the shots of a set count as long
 MAX_STAGES = 12  # most horizons of a shot that grows from event to event
+SHORTLY_S = 1e-4  # over which a velocity is that of two places
 BEFORE_EVENT_S = 1e-3  # by which a horizon ends before an event
 Item = TypeVar("Item")
 
@@ -215,6 +216,23 @@ class ShotProblem:
         out[:, 4:6] = np.einsum("nji,nj->ni", q, w[:, 0, :2] * ball.radius)
         out[:, 6] = w[:, 0, 2] * ball.radius
         return np.where(struck[:, None], out, x)
+
+    def seen_alike(self, x: Array, effect: Effect) -> Array:
+        """Initial states (n, p) that a camera with an effect reports where it reports these without, to first order.
+
+        Of the struck ball; `undone` does so for balls at rest.
+        """
+        hooks, out = hooks_of([effect], len(x)), x.copy()
+        times = np.array([0.0, SHORTLY_S])
+        for k, (row, azimuth, clip) in enumerate(zip(x, self.azimuth, self.clips, strict=True)):
+            position, velocity, _ = ball_of(row, azimuth, self.model.ball.radius)
+            true = position + times[:, None, None] * velocity
+            reported, moving = true.copy(), np.tile(velocity, (2, 1, 1))
+            see(reported, moving, times, clip.session.row, hooks.own[k].ctypes.data, hooks.observe)
+            start, later = (true - reported)[:, 0]
+            out[k, :2] += start
+            out[k, 2:4] += turn(azimuth).T @ (later - start) / times[1]
+        return out
 
     def by_ball(self, residuals: Array) -> Iterator[tuple[int, str, Array]]:
         """Residuals (n, m) split by ball: index of the clip, ball, residuals of its positions (samples, 2)."""

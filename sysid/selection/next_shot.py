@@ -123,7 +123,7 @@ def propose_shots(
     for rival in rivals:
         seen = _look_ahead(rival.fit, planned, clips, rival.covariance, sigma)
         apart.append(seen.apart(seen.residuals))
-    return _sequence(planned, np.array(apart), [f"{why} {rival.name}" for rival in rivals], error_rate, whole=True)
+    return sequence(planned, np.array(apart), [f"{why} {rival.name}" for rival in rivals], error_rate, whole=True)
 
 
 def propose_to_show(
@@ -147,12 +147,12 @@ def propose_to_show(
         constants = np.tile([*now.constants, *value], (len(planned), 1))
         with_it = with_candidate(seen.problem, one).evaluate(seen.states, constants, which)
         apart.append(seen.apart(with_it - seen.residuals))
-        hidden = ", ".join(_beside(k, v, off) for k, v, off in zip(one.keys, value, one.off(), strict=True))
+        hidden = ", ".join(value_in_words(k, v, off) for k, v, off in zip(one.keys, value, one.off(), strict=True))
         whys.append(f"these clips hardly determine {one.name}: they could hide {hidden}")
-    return _sequence(planned, np.array(apart), whys, error_rate, whole=False)
+    return sequence(planned, np.array(apart), whys, error_rate, whole=False)
 
 
-def _sequence(
+def sequence(
     planned: Sequence[_PlannedShot], apart: Array, whys: Sequence[str], error_rate: float, *, whole: bool
 ) -> tuple[NextShot, ...]:
     """Shots, each the one that leaves least doubt; `apart` (k, n) is the separation of k rivals by each shot.
@@ -174,7 +174,7 @@ def _sequence(
     return tuple(found if whole or not settled[-1] else found[: 1 + settled.index(settled[-1])])
 
 
-def _beside(key: str, value: float, off: float) -> str:
+def value_in_words(key: str, value: float, off: float) -> str:
     """A value that is hardly other than where an effect does nothing."""
     return f"{key} = {off:g} {value - off:+.2g}" if off else f"{key} = {value:.3g}"
 
@@ -188,14 +188,14 @@ def _told(plan: _PlannedShot, sigmas: float, why: str, doubt: float) -> NextShot
 
 def _played(truth: Model, seed: int) -> tuple[list[_PlannedShot], list[Clip]]:
     """Candidate shots that the camera sees long enough, and their simulated clips."""
-    planned = _planned_shots(truth, seed)
+    planned = shots_to_try(truth, seed)
     tracks = observed(truth, [plan.shot for plan in planned])
     clips = [_clip_of(plan, track) for plan, track in zip(planned, tracks, strict=True)]
     long_enough = [k for k, c in enumerate(clips) if min(len(o.time) for o in c.balls.values()) > CAMERA_FPS / 2]
     return [planned[k] for k in long_enough], [clips[k] for k in long_enough]
 
 
-def _planned_shots(model: Model, seed: int) -> list[_PlannedShot]:
+def shots_to_try(model: Model, seed: int) -> list[_PlannedShot]:
     """Shots spread evenly over speed, azimuth, tip offset, place and cut; every third at another ball."""
     from scipy.stats import qmc  # slow to import and rarely needed
 

@@ -112,7 +112,8 @@ def signature(point: Point, base: Array, one: Candidate, quick: bool = False) ->
         """Change of the residuals with each of these parameters moved from off."""
         at = [np.concatenate([point.constants, off + by * (np.arange(k) == j)]) for j in which]
         values = np.repeat(at, n, axis=0)
-        r = problem.evaluate(np.tile(point.initial_states, (which.size, 1)), values, np.tile(rows, which.size))
+        states = np.concatenate([_states(point, one, constants[len(point.constants) :]) for constants in at])
+        r = problem.evaluate(states, values, np.tile(rows, which.size))
         parts = r.reshape(which.size, *base.shape) - base
         np.nan_to_num(parts, copy=False)
         return dict(zip(which.tolist(), parts, strict=True))
@@ -166,8 +167,9 @@ def secant(point: Point, base: Array, one: Candidate, size: float) -> Signature:
     problem, n = with_candidate(point.problem, one), len(point.initial_states)
     columns = np.zeros((len(move), *base.shape))
     for j, by in enumerate(move):
-        c = np.concatenate([point.constants, one.off() + by * (np.arange(len(move)) == j)])
-        r = problem.evaluate(point.initial_states, np.tile(c, (n, 1)), np.arange(n))
+        values = one.off() + by * (np.arange(len(move)) == j)
+        c = np.concatenate([point.constants, values])
+        r = problem.evaluate(_states(point, one, values), np.tile(c, (n, 1)), np.arange(n))
         columns[j] = np.nan_to_num(r - base) * np.sign(by)
     return Signature(one, np.maximum(np.abs(move), np.finfo(float).tiny), columns)
 
@@ -186,6 +188,17 @@ def strike_signature(point: Point, jx: Array, one: Candidate) -> Signature:
         plus, minus = (problem.struck(point.initial_states, one.at(off + s * step)) for s in (1.0, -1.0))
         shifts[..., j] = 0.5 * (plus - minus)
     return Signature(one, probe, np.einsum("nmp,npk->knm", jx, shifts))
+
+
+def _states(point: Point, one: Candidate, values: Array) -> Array:
+    """Initial states (n, p) for a candidate at parameter values (k,): those of the fit, as the camera reports them.
+
+    A signature is projected on what states may not explain, so that these may move along. Otherwise an effect of the
+    camera alone would change how thick a ball is hit: much more than it changes what is seen.
+    """
+    if one.effect.opens("edit", "forces", "horizon", "impact", "exposures", "strike"):
+        return point.initial_states
+    return point.problem.seen_alike(point.initial_states, one.at(values))
 
 
 def acts_at_strike_only(effect: Effect) -> bool:

@@ -24,10 +24,10 @@ from sysid.selection.next_shot import (
     MAX_TIP_OFFSET_M,
     NextShot,
     Rival,
-    _beside,
-    _planned_shots,
-    _sequence,
     propose_shots,
+    sequence,
+    shots_to_try,
+    value_in_words,
 )
 from sysid.selection.scoring.score import score_all
 from sysid.selection.scoring.signatures import candidate
@@ -177,11 +177,14 @@ def test_shots_part_all_rivals_and_not_one_alone(drag: Point) -> None:
 
 def test_what_clips_may_hide_is_sought_by_shots_that_show_it() -> None:
     """Of two effects the second shows in no shot: there is one for the first alone."""
-    planned = _planned_shots(full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)), 0)[:4]
+    planned = shots_to_try(full_model(Table(3.569, 1.778), Ball(0.0525, 0.1406)), 0)[:4]
     apart = np.array([[30.0, 9.0, 1.0, 0.0], [0.1, 0.1, 0.2, 0.1]])
-    assert [shot.why for shot in _sequence(planned, apart, ("one", "two"), 0.05, whole=False)] == ["one"]
-    assert len(_sequence(planned, apart, ("one", "two"), 0.05, whole=True)) == 4
-    assert _beside("factor", 1.00002, 1.0) == "factor = 1 +2e-05" and _beside("rate", 0.01234, 0.0) == "rate = 0.0123"
+    assert [shot.why for shot in sequence(planned, apart, ("one", "two"), 0.05, whole=False)] == ["one"]
+    assert len(sequence(planned, apart, ("one", "two"), 0.05, whole=True)) == 4
+    assert (
+        value_in_words("factor", 1.00002, 1.0) == "factor = 1 +2e-05"
+        and value_in_words("rate", 0.01234, 0.0) == "rate = 0.0123"
+    )
 
 
 def test_a_problem_with_other_balls_has_their_places_as_unknowns(tmp_path: Path) -> None:
@@ -195,3 +198,19 @@ def test_a_problem_with_other_balls_has_their_places_as_unknowns(tmp_path: Path)
     one, two = (problem.shot(x[0], 0, np.array([0.0]), clip_set.ball.radius) for x in (problem.start, moved))
     assert two.position[1] - one.position[1] == pytest.approx([0.001, 0.0])
     assert dataclasses.replace(one, position=two.position).velocity is one.velocity
+
+
+def test_states_may_move_along_with_what_a_camera_reports(tmp_path: Path) -> None:
+    """So that a picture on trial is one of the same shot: of a cut, a stretched one would be one of another."""
+    now = at_the_truth(tmp_path / "cut", "--clips", "3", "--seconds", "1.5", "--kind", "cut")
+    stretched = candidate(effect_class("image_scale")(0.003))
+    x = now.problem.seen_alike(now.initial_states, stretched.effect)
+    there = now.problem.with_model(now.model.add(stretched.effect), now.names)
+    c, rows = np.tile(now.constants, (len(x), 1)), np.arange(len(x))
+    before, left, moved = (
+        np.nan_to_num(problem.evaluate(states, c, rows))
+        for problem, states in ((now.problem, now.initial_states), (there, now.initial_states), (there, x))
+    )
+    assert np.sum((moved - before) ** 2) < 0.1 * np.sum((left - before) ** 2)
+    (row,) = score_all(now, [stretched]).rows
+    assert abs(row.values[0]) < 4 * row.sd[0], "nothing is hidden"
