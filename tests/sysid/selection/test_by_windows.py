@@ -29,7 +29,7 @@ from sysid.selection.formulas.free_forms import Block, free_candidates
 from sysid.selection.result import DiscoveryResult
 from sysid.selection.scoring.signatures import candidate
 from tests.examination.__main__ import make
-from tests.examination.families import chalky_stretch
+from tests.examination.contacts import chalky_stretch
 from tests.truth.__main__ import main as generate
 
 TABLE, BALL = Table(3.569, 1.778), Ball(0.0525, 0.1406)
