@@ -42,8 +42,8 @@ class Cause:
 
     @property
     def is_of_order(self) -> bool:
-        """Whether it is a function of the clips' order."""
-        return self.block is not None and "order" in self.block.variables
+        """Whether it is a function of the clips' order, by which each may have a value of its own."""
+        return self.block is not None and "order" in self.block.variables and not self.block.is_drift
 
 
 def log_odds(information: Array, gradient: Array, covariance: Array) -> Array:

@@ -52,6 +52,7 @@ MAX_PLACES = 40  # of a step between clips
 INTERVALS, TURNS = 5, 8  # of splines over a range, over a full turn
 FINE_INTERVALS = 24  # of the splines of what a formula already depends on
 SHORTEST = 1.25  # length over which a function varies, at least, between the nodes of its splines
+WITHIN_CLIPS = ("x", "y", "time")  # what runs through a range in every clip: others may stand for a clip's own law
 FASTEST_QUANTILE = 0.95  # of the speeds of a track between frames, which beyond it may be outliers
 
 
@@ -200,7 +201,9 @@ def blocks(
     fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
     axes |= {name: Axis.counted(name, count) for name, count in counted.items() if count > 1}
     axes["heading"] = Axis.around("heading", TURNS)
-    lines = {name: Axis.along(name, max(abs(seen[name].low), abs(seen[name].high))) for name in seen}
+    lines = {
+        name: Axis.along(name, max(abs(seen[name].low), abs(seen[name].high))) for name in WITHIN_CLIPS if name in seen
+    }
     plain = _without_conditions(formula)
     known = {(shape[0].quantity, shape[0].variable) for shape in plain}
     found = []
@@ -215,14 +218,18 @@ def blocks(
             beside = any((quantity, name) in known for name in pair)
             if pair in VARIABLE_PAIRS or ((joint or beside) and few):
                 found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
-        drifts = [name for name in its if name in DRIFT_VARIABLES and name in seen]
-        for pair in itertools.product(drifts, [name for name in its if name in lines and name not in drifts]):
+        drifts = [] if _of_impacts(quantity) else [name for name in its if name in DRIFT_VARIABLES and name in seen]
+        for pair in itertools.product(drifts, [name for name in its if name in lines]):
             found.append(Block(quantity, pair, (axes[pair[0]], lines[pair[1]])))
         for name in [name for name in its if (quantity, name) in known and name not in COUNTED_VARIABLES]:
             own = tuple(shape for shape in plain if (shape[0].quantity, shape[0].variable) == (quantity, name))
             for other in [other for other in its if other in seen and other != name]:
                 found.append(Block(quantity, (name, other), (_coarse(name, seen), _coarse(other, seen)), own))
     return found
+
+
+def _of_impacts(quantity: str) -> bool:
+    return 1 + doors.TERM_HOOKS.index(quantity) in doors.IMPACTS
 
 
 def _without_conditions(formula: Sequence[Shape]) -> list[Shape]:

@@ -111,11 +111,25 @@ def test_what_depends_on_one_variable_may_do_so_on_one_side_of_another() -> None
 
 def test_what_an_effect_does_may_drift() -> None:
     """A quantity in proportion to a variable, times an unknown function of the session without its mean."""
-    seen = {"time": Span(0.0, 4.0), "order": Span(0.0, 1.0, (0.3, 0.7)), "warmth": Span(-3.0, 5.0, (1.0,))}
+    seen = {
+        "time": Span(0.0, 4.0), "order": Span(0.0, 1.0, (0.3, 0.7)), "warmth": Span(-3.0, 5.0, (1.0,)),
+        "wz": Span(-50.0, 50.0),
+    }  # fmt: skip
     drifts = {(one.quantity, one.variables): one for one in blocks(seen, {}) if one.is_drift}
     assert {variables for quantity, variables in drifts if quantity == "clock"} == {
         ("order", "time"),
         ("warmth", "time"),
+    }
+    assert {quantity for quantity, _ in drifts} == {
+        "drag",
+        "grip",
+        "spin",
+        "push_x",
+        "push_y",
+        "side",
+        "image_x",
+        "image_y",
+        "clock",
     }
     one = drifts["clock", ("order", "time")]
     assert one.name == "free_clock_by_order_times_time" and one.effect().name() == one.name
