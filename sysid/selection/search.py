@@ -214,7 +214,8 @@ def unexplained_by(view: V, seen: Looked) -> Looked:
     ours = [one for one in seen.found if one.name not in seen.named][:MAX_FUNCTIONS]
     beside = causes(view.scores([seen.row(one).candidate for one in ours]), [one.block for one in ours if one.block])
     likely = {one.name: one.log_odds > 0.0 for one in beside}
-    kept = [one for one in seen.found if likely.get(one.name, one.is_of_order)]  # of order: see `grown`
+    of_order = any(likely.values())  # whether functions of the order count as well: see `grown`
+    kept = [one for one in seen.found if likely.get(one.name, of_order and one.is_of_order)]
     return dataclasses.replace(seen, found=kept)
 
 
