@@ -101,6 +101,17 @@ class _Results(caching.CompileResultCacheImpl):
 class _Cache(caching.FunctionCache):
     _impl_class = _Results
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Compiled code for a signature; None, and what is kept is dropped, where it names what is no longer there.
+
+        numba reads the types in an index before it compares stamps: those of other sources may have gone since.
+        """
+        try:
+            return super().load_overload(sig, target_context)
+        except (AttributeError, ImportError):
+            self.flush()
+            return None
+
 
 def _kept(function: Callable[..., Any]) -> Any:
     """The cache of a function; one that keeps nothing where there is no place for it."""

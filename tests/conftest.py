@@ -7,6 +7,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from models.mjcf.gl import RENDERING_NEEDS, can_render, choose_backend
 
@@ -15,6 +16,8 @@ for name in ("SIGHUP", "SIGQUIT"):  # ignored under nohup and in the background 
     if hasattr(signal, name):
         signal.signal(getattr(signal, name), signal.SIG_DFL)
 
+settings.register_profile("untimed", deadline=None)  # how long an example takes depends on what else a machine does
+settings.load_profile("untimed")
 ROOT = Path(__file__).resolve().parents[1]
 
 

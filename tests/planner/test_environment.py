@@ -270,7 +270,7 @@ def test_bounds_are_the_launchers() -> None:
 
 
 @given(st.lists(st.tuples(*[st.floats(-40, 40)] * 4), min_size=1, max_size=5))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_what_is_sent_lies_within_reach_and_points_the_same_way(rows: list[tuple[float, ...]]) -> None:
     asked = np.array(rows) * [0.1, 1e-3, 1e-3, 0.2]
     sent = BOUNDS.clip(asked)

@@ -162,7 +162,7 @@ def test_swerve_is_the_published_one(a: float, angle: float) -> None:
     assert math.degrees(0.3 - math.atan2(rolling[1], rolling[0])) == pytest.approx(angle, rel=0.01)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.sampled_from([0.0, 0.95, 1.0]))
 def test_what_strings_and_steps_can_ask_for_is_near(seed: int, out: float) -> None:
     launcher, q = LauncherModel(), strokes(8, seed)

@@ -75,7 +75,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     return Scene(table, ball, names, np.array(places), goal)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(scenes())
 def test_a_scene_comes_back_as_it_was_written(tmp_path_factory: pytest.TempPathFactory, scene: Scene) -> None:
     path = tmp_path_factory.mktemp("scene") / "s.toml"

@@ -105,7 +105,7 @@ def damaged(data: st.DataObject, raw: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("name", FILES)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused(name: str, data: st.DataObject) -> None:
     write, read = FILES[name]
@@ -131,7 +131,7 @@ VALUES = st.sampled_from([True, 0, -1, 3.5, 10**400, float("nan"), float("inf"),
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name.endswith(".toml")])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_any_key_may_hold_anything_or_be_gone(name: str, data: st.DataObject) -> None:
     write, read = FILES[name]

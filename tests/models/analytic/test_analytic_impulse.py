@@ -26,7 +26,7 @@ speeds = st.floats(-1.0, 1.0, allow_subnormal=False)
 
 
 @KINDS
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 @given(
     parts=st.lists(speeds, min_size=10, max_size=10), e=st.floats(0, 1), mu=st.floats(0, 0.4), cloth=st.floats(0, 0.5)
 )

@@ -234,7 +234,7 @@ def test_normals_point_into_what_is_met() -> None:
         assert outward(4 + number, x - 0.6 * rho, y + 0.8 * rho, POCKETS.jaws) == pytest.approx((0.6, -0.8))
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(
     along=st.floats(1.5, 1.74), deep=st.floats(-0.03, 0.03), v=st.lists(st.floats(-2, 2), min_size=2, max_size=2),
     a=st.lists(st.floats(-3, 3), min_size=2, max_size=2), h=st.floats(0.02, 0.5),

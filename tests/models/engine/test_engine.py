@@ -316,7 +316,7 @@ def test_potted_balls_are_not_a_number_from_then_on() -> None:
 coefficients = st.floats(-2, 2, allow_subnormal=False)
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(c=st.lists(coefficients, min_size=4, max_size=4), start=st.floats(1e-3, 1), h=st.floats(0.05, 5))
 def test_the_first_fall_is_the_first(c: list[float], start: float, h: float) -> None:
     t = float(first_fall(start, *c, h))
@@ -328,7 +328,7 @@ def test_the_first_fall_is_the_first(c: list[float], start: float, h: float) -> 
         assert abs(value(t)) < 1e-9 * scale
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 @given(
     x=st.lists(st.floats(-1, 1), min_size=2, max_size=2), v=st.lists(st.floats(-3, 3), min_size=2, max_size=2),
     a=st.lists(st.floats(-3, 3), min_size=2, max_size=2), h=st.floats(0.01, 2),

@@ -141,7 +141,7 @@ def clip_sets(draw: st.DrawFn) -> ClipSet:
     return ClipSet(table, Ball(diameter, 0.2), draw(st.floats(5, 500)), tuple(clips), sigma, extra=draw(extras))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(clip_sets())
 def test_what_is_written_is_read_back(clip_set: ClipSet) -> None:
     with tempfile.TemporaryDirectory() as place:

@@ -71,7 +71,7 @@ def damage(data: st.DataObject, raw: bytes) -> bytes:
     return b"\n".join(lines)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data())
 def test_damage_is_read_or_refused_in_one_line(data: st.DataObject) -> None:
     with tempfile.TemporaryDirectory() as place:
