@@ -197,10 +197,11 @@ def _with_shape(
 ) -> Round[V]:
     """Add the likeliest effect, or a shape if that explains more of what the effect leaves; see `_effects`."""
     best, threshold = effects.best, effects.threshold
-    if best is not None and not is_at_bound(best.view, best.unknowns):
-        seen = unexplained_by(best.view, seen)
-    if seen.found and seen.found[0].log_odds > threshold.sure and (best is None or not best.view.leaves_noise):
-        found = explained_by_shape(start, less, seen, formula, best, threshold)
+    if seen.found[0].log_odds > threshold.sure and (best is None or not best.view.leaves_noise):
+        if best is not None and not is_at_bound(best.view, best.unknowns):
+            seen = unexplained_by(best.view, seen)
+        likely = bool(seen.found) and seen.found[0].log_odds > threshold.sure
+        found = explained_by_shape(start, less, seen, formula, best, threshold) if likely else None
         if found is not None:
             return Round(dataclasses.replace(effects.screening, best=None), *found, threshold)
     return Round(effects.screening, view if best is None else best.view, formula, threshold)

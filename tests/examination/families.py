@@ -18,5 +18,11 @@ PHYSICS: dict[str, Change] = {
     for name, change in vars(module).items()
     if getattr(change, "__module__", "") == module.__name__
 }
-WITH_TEMPERATURE = tuple(name for name, change in PHYSICS.items() if "degree" in (change.__doc__ or ""))
+WITH_TEMPERATURE = tuple(
+    one.__name__
+    for one in (
+        *(cloths.evening_cloth, contacts.warm_room, contacts.warm_balls, contacts.damp_balls),
+        *(contacts.cold_rails, contacts.tacky_noses),
+    )
+)
 FAMILIES = (*PHYSICS, *PICTURES, "nothing")
