@@ -40,7 +40,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-HOOKS_BESIDE_IMPACTS = ("forces", "horizon", "strike", "observe", "exposures", "edit")
+HOOKS = ("edit", "forces", "horizon", "impact", "strike", "observe", "exposures")
 
 
 def param(
@@ -91,9 +91,14 @@ class Effect:
         return any(getattr(cls, hook) is not getattr(Effect, hook) for hook in hooks)
 
     @classmethod
+    def opens_only(cls, hook: str) -> bool:
+        """Whether it uses this hook and no other."""
+        return cls.opens(hook) and not cls.opens(*(other for other in HOOKS if other != hook))
+
+    @classmethod
     def impacts(cls) -> tuple[str, ...] | None:
         """Kinds of impacts, "ball" and "cushion", at which alone it acts; None where it acts elsewhere as well."""
-        return None if cls.opens(*HOOKS_BESIDE_IMPACTS) or not cls.opens("impact") else ("ball", "cushion")
+        return ("ball", "cushion") if cls.opens_only("impact") else None
 
     def is_off(self) -> bool:
         """True where every parameter that has an off value stands at it in every simulation."""

@@ -100,9 +100,7 @@ class ImpactState:
     compliance: float = 0.0  # of a rail along its face over that along its normal, 0 where it is rigid
     sink: float = 0.0  # share of a rail's push on the slate that the slate does not return: 0 rigid, 1 not there
     contact_time: float = 0.0  # for which a ball stays in a rail [s]
-    cloth_share: float = (
-        0.0  # share of what changes the cloth's sliding friction (slide_factor) that does so within impacts
-    )
+    cloth_share: float = 0.0  # share of changes of the cloth's sliding friction that act within impacts
 
 
 @dataclass

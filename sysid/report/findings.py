@@ -153,10 +153,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     if found.parts.spikes:
         lines.append(f"{found.parts.spikes} outliers of the tracker were left out")
     lines += list(dict.fromkeys(found.parts.excluded))
-    lines += [
-        f"{one}, held out, was not followed: causes were sought again with it, and {two} held out"
-        for one, two in found.parts.exchanged
-    ]
+    lines += exchange_lines(found)
     if found.pruned:
         lines.append(f"added in an early round, but dropped in the end: {', '.join(found.pruned)}")
     lines += list(dict.fromkeys(line for r in found.rounds for line in confounded_lines(r)))
@@ -175,6 +172,14 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
     if not found.converged:
         lines.append("the last fit did not converge: its constants have no uncertainty")
     return lines + shot_lines(found.next_shots)
+
+
+def exchange_lines(found: DiscoveryResult) -> list[str]:
+    """Held-out clips that took part in the search, since the causes found without them do not follow them."""
+    return [
+        f"{one}, held out, is not followed by what was found without it: causes are sought with it, and {two} held out"
+        for one, two in found.parts.exchanged
+    ]
 
 
 def stability_lines(found: DiscoveryResult) -> list[str]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.shot import Event
-from sysid.estimation.fitted import FittedModel, Point
+from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem
 from sysid.estimation.split import Split, fit_on
@@ -107,14 +107,14 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
     odd, sizes, tau, median = _departing_from(last)
     if median > MAX_MEDIAN:
         return None
-    held_squares, held_counts = mean_squares(held.residuals, MAX_RESIDUAL_SD) if held else (np.zeros(0), np.zeros(0))
-    odd_held = departing(held_squares, held_counts, tau, median)
-    allowed = max(MIN_ALLOWED, int(MAX_SHARE * (len(last.initial_states) + len(held_counts))))
+    odd_held, held_sizes = _departing_held_out(held, tau, median)
+    held_count = len(held.initial_states) if held is not None else 0
+    allowed = max(MIN_ALLOWED, int(MAX_SHARE * (len(last.initial_states) + held_count)))
     if not 0 < odd.size + odd_held.size <= allowed:
         return None
     found = located(last, odd, sizes, tau, median)
     lines = tuple(one.text(last.problem.clips[one.row].file) for one in found)
-    held_out, rest = parts.held_out, np.arange(len(held_counts))
+    held_out, rest = parts.held_out, np.arange(held_count)
     if held_out is not None and held is not None and odd_held.size:
         seen = Point(
             held_out.with_model(last.problem.model, last.names),
@@ -122,9 +122,9 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
             last.constants,
             last.discrepancy_rate,
         )
-        others = located(seen, odd_held, np.sqrt(held_squares[odd_held] / median), tau, median)
+        others = located(seen, odd_held, held_sizes, tau, median)
         found, lines = found + others, lines + tuple(one.text(held_out.clips[one.row].file) for one in others)
-        rest = np.setdiff1d(np.arange(len(held_counts)), odd_held)
+        rest = np.setdiff1d(rest, odd_held)
         held_out = held_out.only(rest) if rest.size else None
     if common_event(found) is not None:
         return None
@@ -134,11 +134,9 @@ def without_departing(parts: Split, ladder: Sequence[FittedModel]) -> tuple[Spli
 
 
 def departing_held_out(last: FittedModel) -> list[int]:
-    """Held-out shots that depart from a fit that follows the others, with constants as far as it leaves them open."""
+    """Held-out shots that depart from a fit that follows the others."""
     _, _, tau, median = _departing_from(last)
-    if last.held_out is None or median > MAX_MEDIAN:
-        return []
-    return departing(*mean_squares(last.held_out.open_residuals, MAX_RESIDUAL_SD), tau, median).tolist()
+    return [] if median > MAX_MEDIAN else _departing_held_out(last.held_out, tau, median)[0].tolist()
 
 
 def count_departing(last: FittedModel) -> int:
@@ -160,6 +158,15 @@ def _departing_from(at: Point) -> tuple[Index, Array, float, float]:
     tau, median = at.problem.correlation_time, float(np.median(squares))
     rows = departing(squares, counts, tau, median)
     return rows, np.sqrt(squares[rows] / median), tau, median
+
+
+def _departing_held_out(held: HeldOut | None, tau: float, median: float) -> tuple[Index, Array]:
+    """Held-out shots that depart, with constants as far as the fit leaves them open, and their rms as above."""
+    if held is None:
+        return np.zeros(0, int), np.zeros(0)
+    squares, counts = mean_squares(held.open_residuals, MAX_RESIDUAL_SD)
+    rows = departing(squares, counts, tau, median)
+    return rows, np.sqrt(squares[rows] / median)
 
 
 def common_event(found: Sequence[ShotDeparture]) -> str | None:

@@ -10,7 +10,6 @@ fold of a cross-validation.
 from __future__ import annotations
 
 import dataclasses
-import logging
 from collections.abc import Sequence
 
 from sysid.clips import Clip
@@ -18,8 +17,6 @@ from sysid.estimation.fitted import FittedModel
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.split import Split
 from sysid.selection.departures import departing_held_out
-
-log = logging.getLogger(__name__)
 
 
 def exchanged(parts: Split, last: FittedModel) -> Split | None:
@@ -36,8 +33,6 @@ def exchanged(parts: Split, last: FittedModel) -> Split | None:
     if not coming or len(going) < len(coming):
         return None
     pairs = tuple((one.file, two.file) for one, two in zip(coming, going, strict=True))
-    for one, two in pairs:
-        log.info("%s, held out, is not followed: causes are sought again with it, and %s held out", one, two)
     return dataclasses.replace(
         parts, training=_with_clips(parts.training, coming, going), held_out=_with_clips(held_out, going, coming),
         exchanged=(*parts.exchanged, *pairs),

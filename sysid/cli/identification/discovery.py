@@ -74,7 +74,7 @@ def diagnose(
     held_out = len(parts.held_out.clips) if parts.held_out else 0
     print(f"{counted(len(clip_set.clips), 'clip')}, {held_out} of them held out; {noise_line(parts.noise)}")
     if seen.windows:
-        print(f"not every whole shot is followed: candidates are scored on {seen.windows} windows of one impact each")
+        print(f"shots of many impacts: candidates are scored on {seen.windows} windows of one impact each")
     print(f"{miss_line('base', seen.base)}\n")
     print(table(round_rows(seen)))
     notes = [*parts.excluded, *verdict_lines(judged, found.unexplained)]
@@ -170,13 +170,12 @@ class _Printed:
 
     def step(self, found: DiscoveryResult) -> None:
         """Print the rounds that have not been printed yet, and the miss with the last effect."""
-        from sysid.report.findings import miss_line
+        from sysid.report.findings import exchange_lines, miss_line
 
-        for one, two in found.parts.exchanged[self._exchanged :]:
+        for line in exchange_lines(found)[self._exchanged :]:
             self._progress.close()
-            print(f"{one}, held out, is not followed: causes are sought again with it, and {two} held out\n")
-            self._rounds = 0
-        self._exchanged = len(found.parts.exchanged)
+            print(f"{line}\n")
+            self._exchanged, self._rounds = self._exchanged + 1, 0
         self.rounds(found)
         print(f"{miss_line(', '.join(found.verdict) or 'base', found.last)}\n", flush=True)
 

@@ -196,14 +196,9 @@ def _states(point: Point, one: Candidate, values: Array) -> Array:
     A signature is projected on what states may not explain, so that these may move along. Otherwise an effect of the
     camera alone would change how thick a ball is hit: much more than it changes what is seen.
     """
-    if one.effect.opens("edit", "forces", "horizon", "impact", "exposures", "strike"):
-        return point.initial_states
-    return point.problem.seen_alike(point.initial_states, one.at(values))
-
-
-def acts_at_strike_only(effect: Effect) -> bool:
-    """Whether an effect's only hook is the strike."""
-    return effect.opens("strike") and not effect.opens("edit", "forces", "horizon", "impact", "exposures", "observe")
+    if one.effect.opens_only("observe"):
+        return point.problem.seen_alike(point.initial_states, one.at(values))
+    return point.initial_states
 
 
 def signature_of(point: Point, base: Array, jx: Array, one: Candidate, quick: bool) -> Signature:
@@ -218,6 +213,6 @@ def signature_of(point: Point, base: Array, jx: Array, one: Candidate, quick: bo
     """
     if one.size is not None:
         return secant(point, base, one, one.size)
-    if acts_at_strike_only(one.effect):
+    if one.effect.opens_only("strike"):
         return strike_signature(point, jx, one)
     return signature(point, base, one, quick)
