@@ -21,7 +21,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.chains.chain import Chain, Spread, likely_spread
 from sysid.estimation.chains.chain_fit import ChainFit, fit_chain, settled_states
 from sysid.estimation.chains.chain_search import SAME_LOSS, found_states, searched_windows, whole_states
-from sysid.estimation.fitted import UNFOLLOWED_RATE, FittedModel, Point
+from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.fitting import fit, fit_held_out
 from sysid.estimation.problem import Array, values_of
 from sysid.estimation.profile import profiled
@@ -168,14 +168,15 @@ def as_fitted(at: WindowFit, problem: ShotProblem, x: Array) -> FittedModel:
 def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searching: bool = True) -> FittedModel:
     """Fit whole shots from the constants of windows; returns the fit with its error on the held-out clips.
 
-    Constants and initial states are fitted if the model follows the shots, or `in_any_case`; with `searching`, the
+    Constants and initial states are fitted if shots are short, if the model follows them, or `in_any_case`: after many
+    impacts a shot that is not followed is chaos, and moves the constants at random. With `searching`, the
     initial states of shots that miss by more than most are searched again, and with more effort.
     """
     found = at.fitted
     x = whole_states(found.chain, found.states, found.constants, found.chain.problem, searching)
     model = dataclasses.replace(found.chain.model, engine=parts.training.model.engine)
     now = as_fitted(at, with_scatter(parts.training.with_model(model, found.chain.names), x), x)
-    if in_any_case or now.discrepancy_rate <= UNFOLLOWED_RATE:
+    if in_any_case or not now.problem.is_long or parts.follows(now):
         now = fit(now, "whole shots", searching)
         if searching and now.discrepancy_rate == 0.0:  # most are followed to the noise, so others began elsewhere
             now = with_found_starts(now)
@@ -259,7 +260,7 @@ def fit_from_nothing(
         parts = parts.excluding(lines, parts.training.only(kept), held)
         at = fit_windows(parts, model)
         found = whole_shots(parts, at, in_any_case, searching)
-    if in_any_case or not parts.needs_windows(found):
+    if in_any_case or not parts.training.is_long:
         return parts, at, found
     rough = dataclasses.replace(at.fitted.chain, roughness=roughness_of(parts, model))
     at = dataclasses.replace(at, fitted=dataclasses.replace(at.fitted, chain=rough))

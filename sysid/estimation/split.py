@@ -30,7 +30,6 @@ from sysid.estimation.open_cloth import OpenCloth, fit_open_cloth
 from sysid.estimation.problem import Array, Index
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.sizes import known_sizes, with_free_sizes
-from sysid.estimation.states.initial_states import shot_scores
 
 HELD_OUT_EVERY = 5  # clips, of which the last is held out
 CLOCK_CONSTANT = "clock_scale.factor"  # its prior is known from the time stamps of the clips
@@ -57,15 +56,6 @@ class Split:
     def follows(self, found: FittedModel) -> bool:
         """Whether whole shots are followed closely enough to determine forces between impacts."""
         return found.discrepancy_rate <= UNFOLLOWED_RATE
-
-    def needs_windows(self, found: FittedModel) -> bool:
-        """Whether single impacts show more of what the model lacks than whole shots do.
-
-        If a shot is not followed, its information is lost in a fit of whole shots; and shots of many impacts may be
-        followed only by biased constants.
-        """
-        rates = shot_scores(found.problem, found.initial_states, found.constants)[1]
-        return self.training.is_long or float(rates.max()) > UNFOLLOWED_RATE
 
     def excluding(self, lines: tuple[str, ...], training: ShotProblem, held_out: ShotProblem | None) -> Split:
         """The split with only those shots; the others are excluded with a line each."""
@@ -160,11 +150,6 @@ def exclusion_lines(problem: ShotProblem, rows: Index, errors: Array) -> tuple[s
         f"{problem.clips[k].file}: excluded, since it ends {errors[k]:.2g} m away from every start and spin tried"
         for k in rows.tolist()
     )
-
-
-def in_any_case(parts: Split, found: FittedModel) -> FittedModel:
-    """A fit of whole shots from one of windows, even if the model does not follow them."""
-    return found if parts.follows(found) else fit_on(parts, found, found, "whole shots", searching=False)
 
 
 def fit_on(parts: Split, start: Point, before: FittedModel, what: str, searching: bool = True) -> FittedModel:

@@ -14,7 +14,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing
 from sysid.estimation.solver.blas import on_one_blas_thread
-from sysid.estimation.split import Split, in_any_case, split
+from sysid.estimation.split import Split, split
 from sysid.selection.fits.by_whole_shots import ByWholeShots
 from sysid.selection.fits.by_windows import ByWindows
 from sysid.selection.formulas.description import describe
@@ -56,12 +56,11 @@ def diagnose(clip_set: ClipSet, model: Model, error_rate: float = ERROR_RATE) ->
     """Fit the model to the clips and search for what it lacks, see `discover`; every fifth clip is held out."""
     parts, _, model = split(clip_set, model)
     parts, at, base = fit_from_nothing(parts, model)
-    if parts.needs_windows(base):
+    if parts.training.is_long:
         windows = ByWindows(at, base)
         seen = next_cause(windows, error_rate=error_rate)
-        if seen.view is not windows or (parts.training.is_long and not parts.follows(base)):
+        if seen.view is not windows or not parts.follows(base):
             return _diagnosed(parts, base, windows, seen, error_rate)
-        base = in_any_case(parts, base)
     whole = ByWholeShots(parts, base)
     return _diagnosed(parts, base, whole, next_cause(whole, error_rate=error_rate), error_rate)
 

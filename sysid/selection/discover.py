@@ -3,8 +3,8 @@
 In: a `ClipSet` and a start `Model`. Out: a `DiscoveryResult`: the ladder of fits, each with one more effect, the rounds
 of the search, unexplained structure, and the next shots to film.
 
-If a single whole shot is not followed, causes are first sought in windows of one impact each; then in whole shots,
-which are most informative about forces between impacts, unless the model does not follow shots of many impacts.
+Shots of many impacts may be followed only by biased constants, or not at all. So causes are first sought in windows of
+one impact each, and in whole shots if these are then followed. Other shots are searched whole.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sysid.clips import ClipSet
 from sysid.estimation.fitted import FittedModel
 from sysid.estimation.from_nothing import fit_from_nothing, whole_shots
 from sysid.estimation.solver.blas import on_one_blas_thread
-from sysid.estimation.split import Split, in_any_case, split
+from sysid.estimation.split import Split, split
 from sysid.selection.departures import count_departing, without_departing
 from sysid.selection.exchange import exchanged
 from sysid.selection.fits.by_whole_shots import ByWholeShots
@@ -70,15 +70,15 @@ def _discovered(parts: Split, model: Model, show: Show, error_rate: float) -> Di
     result = DiscoveryResult(parts, (now,), ((),), ())
     show(result)
     whole = Found(ByWholeShots(parts, now))
-    if parts.needs_windows(now):
+    if parts.training.is_long:
         windows = ByWindows(at, now)
         result, found = _searched(result, Found(windows), error_rate)
         if found.view is not windows:
             windows = found.view.settled()
             now = whole_shots(parts, windows.at, searching=False)
-        if parts.training.is_long and not parts.follows(now):
+        if not parts.follows(now):
             return _ended(result, found, windows, lambda view: whole_shots(parts, view.at), now, error_rate)
-        view = ByWholeShots(parts, in_any_case(parts, now))
+        view = ByWholeShots(parts, now)
         whole = Found(view, found.verdict, found.formula, found.dropped)
         if found.verdict and found.formula is None:
             result = result.with_step(view.now, found.verdict, found.dropped)
