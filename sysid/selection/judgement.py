@@ -182,11 +182,6 @@ def likelier(one: V, first: Sequence[Unknown], two: V, second: Sequence[Unknown]
     return gain / better.design_effect + _known(one, two) + occam_of(two, second) - occam_of(one, first)
 
 
-def clearly_likelier(one: tuple[V, Sequence[Unknown]], than: Judged[V]) -> bool:
-    """Whether a fit, given with its unknowns, is clearly likelier than another one, as in `likelier`."""
-    return likelier(than.view, than.unknowns, *one) > SEPARATED_LOG_ODDS
-
-
 def _rows(view: FitView, unknowns: Sequence[Unknown]) -> Index:
     return np.array([view.names.index(one.name) for one in unknowns])
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Generic
 
-from models.formula import HOOK_RANGES
 from sysid.selection.centring import centred
 from sysid.selection.formulas.causes import causes
 from sysid.selection.formulas.formula import (
@@ -41,7 +40,6 @@ from sysid.selection.judgement import (
     Threshold,
     Unknown,
     V,
-    clearly_likelier,
     judged,
     judged_where_found,
     likelier,
@@ -52,8 +50,8 @@ from sysid.selection.judgement import (
 from sysid.selection.names import Found, as_fitted, with_likelier_name
 from sysid.selection.rivals import likeliest_first, ranked
 from sysid.selection.scoring.score import Score
-from sysid.selection.scoring.signatures import Candidate, candidate
-from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
+from sysid.selection.scoring.signatures import candidate
+from sysid.selection.screening import Screening, candidates_for, confounded, tied
 
 _What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted
@@ -116,9 +114,8 @@ def next_cause(
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named, joint=joint)
-        rival = free, unknowns_of(unnamed.candidate, free.names)
         beside = less.beside(start)
-        instead = _effects(view, start, beside, there, threshold, rival, seen.hook(function))
+        instead = _effects(view, start, beside, there, threshold)
         found = _with_shape(view, start, beside, there, formula, instead)
         if found.name is not None:
             return found
@@ -141,15 +138,8 @@ class _Effects(Generic[V]):
     threshold: Threshold
 
 
-def _effects(
-    view: V, start: V, less: V, seen: Looked, threshold: Threshold,
-    free: tuple[V, list[Unknown]] | None = None, hook: str = "",
-) -> _Effects[V]:  # fmt: skip
+def _effects(view: V, start: V, less: V, seen: Looked, threshold: Threshold) -> _Effects[V]:
     """Fit the likeliest of the scored effects.
-
-    Scores predict badly where a shot is far from linear. If an unknown function is clearly likelier than the best
-    effect that they lead to, the effect with the best prediction (`FitView.tried`) of all others that act where the
-    function does, or where none can, is fitted as well.
 
     Args:
         view: the fit that lacks it.
@@ -157,30 +147,15 @@ def _effects(
         less: the fit to compare these with.
         seen: scores of causes at the start.
         threshold: that a cause must pass.
-        free: the fit with an unknown function, and its unknowns.
-        hook: of the function.
     """
     least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
-    likely = [(c, seen.row(c)) for c in seen.found if c.name in seen.named and c.log_odds > threshold.sure]
     tried = list[tuple[Score, Judged[V]]]()
-
-    def passed() -> list[tuple[FittedCandidate, Judged[V]]]:
-        return ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
-
-    def add(row: Score) -> None:
-        more = start.with_effect(row)
-        tried.append((row, judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)))
-
-    for row in [row for cause, row in likely if cause.log_odds > least][:MAX_TRIALS]:
+    for row in [seen.row(one) for one in seen.found if one.name in seen.named and one.log_odds > least][:MAX_TRIALS]:
         if len(tried) >= MAX_FITS and any(threshold.is_passed(at) for _, at in tried):
             break
-        add(row)
-    good = passed()
-    if free is not None and (not good or clearly_likelier(free, good[0][1])):
-        others = [row for _, row in likely if all(row is not one for one, _ in tried)]
-        if here := [row for row in others if may_act_at(hook, row.candidate)]:
-            add(min(here, key=start.tried))
-            good = passed()
+        more = start.with_effect(row)
+        tried.append((row, judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)))
+    good = ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
     best = good[0] if good else None
     rest = [as_fitted(row, at, threshold) for row, at in tried if all(row is not one.score for one, _ in good)]
     fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
@@ -218,11 +193,6 @@ def unexplained_by(view: V, seen: Looked) -> Looked:
     of_order = any(likely.values())  # whether functions of the order count as well: see `grown`
     kept = [one for one in seen.found if likely.get(one.name, of_order and one.is_of_order)]
     return dataclasses.replace(seen, found=kept)
-
-
-def may_act_at(hook: str, one: Candidate) -> bool:
-    """Whether an effect acts at a hook, or at one where no function is sought, such as the stroke."""
-    return one.effect.opens(hook) or not one.effect.opens(*HOOK_RANGES)
 
 
 def explained_by_shape(
@@ -327,17 +297,17 @@ def with_likeliest_shapes(view: V, formula: SparseFormula) -> tuple[V, SparseFor
 def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Found[V], Screening]]:
     """Search for what a fit lacks; yields the state after each round, the last of which adds nothing.
 
-    Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. When
-    nothing more is likely, initial states of poorly followed shots are searched again, and only causes that are still
-    accepted are kept: a wrong initial state may look like a cause. In the end each cause is compared with the effects
-    of the catalogue.
+    Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. With
+    each cause initial states of shots that are still not followed, while most are, are searched again: one that is
+    wrong looks like a further cause. They are so when nothing more is likely, too, and only causes that are then
+    still accepted are kept. In the end each cause is compared with the effects of the catalogue.
     """
     been, searched, read = [_what(found)], list[_What](), list[_What]()
     while True:
         seen, now = next_cause(found.view, found.formula, error_rate), found
         if seen.view is not found.view:
             verdict = (*found.verdict, seen.name) if seen.name else found.verdict
-            now = _needed(seen.view, found, verdict, seen.formula, seen.threshold)
+            now = _needed(seen.view.searched(), found, verdict, seen.formula, seen.threshold)
         if _what(now) in been:  # nothing was added, or a dropped cause was added again
             now = found
             if _what(found) not in searched:

@@ -11,9 +11,8 @@ import math
 import random
 from pathlib import Path
 
-from tests.examination.families import FAMILIES, PHYSICS, WITH_TEMPERATURE
+from tests.examination.families import FAMILIES, PHYSICS, PICTURES, WITH_TEMPERATURE
 from tests.examination.motion import Ball, World
-from tests.examination.pictures import PICTURES
 
 CLIPS, FPS, SIGMA_M, SECONDS = 30, 120.0, 0.0005, 4.0
 

@@ -137,3 +137,13 @@ def sunlit_half(world: World) -> None:
 def pressed_waves(world: World) -> None:
     """Sliding friction is 1 + 0.10 sin(3 x) times as high, x in metres: the cloth was ironed in pieces."""
     world.slide = times(world.slide, lambda seen: 1.0 + 0.10 * math.sin(3.0 * seen.ball[0]))
+
+
+def leaning_pile(world: World) -> None:
+    """Rolling friction is 1 + 0.2 sin(heading) times as high: the pile of the cloth leans towards -y."""
+    world.roll = times(world.roll, lambda seen: 1.0 + 0.2 * math.sin(heading(seen)))
+
+
+def polished_lane(world: World) -> None:
+    """Sliding friction is 0.8 times as high where x is between -0.35 and 0.35 m."""
+    world.slide = times(world.slide, lambda seen: 0.8 if abs(seen.ball[0]) < 0.35 else 1.0)

@@ -226,3 +226,23 @@ def glancing_balls(world: World) -> None:
 def spun_cling(world: World) -> None:
     """Friction of balls is higher by 0.05 where the striking ball has more than 25 rad/s of sidespin."""
     world.ball_mu = plus(world.ball_mu, lambda seen: 0.05 if abs(seen.ball[6]) > 25.0 else 0.0)
+
+
+def greased_long_noses(world: World) -> None:
+    """Friction of the long cushions is lower by 0.05 after the middle of the session."""
+    world.cushion_mu = plus(world.cushion_mu, lambda seen: -0.05 if seen.rail[1] == "y" and seen.order > 0.5 else 0.0)
+
+
+def glancing_noses(world: World) -> None:
+    """Cushions return 0.06 less where a ball comes in at more than 0.9 radians from their normal."""
+    world.cushion_e = plus(world.cushion_e, lambda seen: -0.06 if seen.incidence > 0.9 else 0.0)
+
+
+def brittle_balls(world: World) -> None:
+    """Balls return 0.05 less between 0.8 and 1.6 m/s of approach."""
+    world.ball_e = plus(world.ball_e, lambda seen: -0.05 if 0.8 < seen.approach < 1.6 else 0.0)
+
+
+def dusty_sides(world: World) -> None:
+    """Friction of balls is higher by 0.15 y^2, y in metres from the middle of the table."""
+    world.ball_mu = plus(world.ball_mu, lambda seen: 0.15 * seen.ball[1] ** 2)

@@ -6,18 +6,19 @@ In: a world. Out: the same with another law.
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
+from typing import Any
 
-from tests.examination import cloths, contacts
+from tests.examination import cloths, contacts, pictures
 from tests.examination.motion import World
-from tests.examination.pictures import PICTURES
 
-Change = Callable[[World], None]
-PHYSICS: dict[str, Change] = {
-    name: change
-    for module in (cloths, contacts)
-    for name, change in vars(module).items()
-    if getattr(change, "__module__", "") == module.__name__
-}
+
+def _families_in(module: ModuleType) -> dict[str, Any]:
+    return {name: one for name, one in vars(module).items() if getattr(one, "__module__", "") == module.__name__}
+
+
+PHYSICS: dict[str, Callable[[World], None]] = _families_in(cloths) | _families_in(contacts)
+PICTURES: dict[str, Callable[[tuple[float, float], float], tuple[float, float]]] = _families_in(pictures)
 WITH_TEMPERATURE = tuple(
     one.__name__
     for one in (

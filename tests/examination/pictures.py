@@ -88,11 +88,11 @@ def refocused_lens(seen: tuple[float, float], order: float) -> tuple[float, floa
     return seen[0], seen[1] * (1.004 if order > 0.6 else 1.0)
 
 
-PICTURES = {
-    one.__name__: one
-    for one in (
-        *(skewed_picture, sagging_camera, bent_picture, slow_zoom, turning_camera),
-        *(folded_picture, bumped_camera, wavy_picture, fish_eye, swaying_camera, narrow_side),
-        *(breathing_lens, twisted_picture, warming_lens, knocked_tripod, refocused_lens),
-    )
-}
+def settling_camera(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image slides along y and comes to rest, by 6 mm times 1 - exp(-order / 0.25)."""
+    return seen[0], seen[1] + 0.006 * (1.0 - math.exp(-order / 0.25))
+
+
+def lens_in_the_sun(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is 0.4 % longer along x in the middle third of the session."""
+    return seen[0] * (1.004 if 1.0 / 3.0 < order < 2.0 / 3.0 else 1.0), seen[1]

@@ -94,10 +94,6 @@ class ByWholeShots(FitView):
             now = remove_effect(now, name)
         return dataclasses.replace(self, now=fit_candidate(self.parts, now, score))
 
-    def tried(self, score: Score) -> float:
-        """The loss after a few steps of a fit, since a shot of many impacts is far from linear; see `FitView`."""
-        return _best_start(self.now, score)[0]
-
     def fitted_without(self, name: str) -> Self:
         """See `FitView`."""
         return dataclasses.replace(self, now=fit_without(self.parts, self.now, name))
@@ -159,15 +155,15 @@ def _loss(held: HeldOut) -> float:
 def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
     """Fit all constants, including a candidate's, and all initial states, from the optimum without it."""
     one = score.candidate
-    _, x, c, effect = _best_start(base, score)
+    x, c, effect = _best_start(base, score)
     values = np.array([float(getattr(effect, key)) for key in effect.parameters()])
     problem = with_candidate(base.problem, one, [f"{one.name}.{key}" for key in effect.parameters()])
     start = Point(problem, x, np.concatenate([c, values]), base.discrepancy_rate)
     return fit_on(parts, start, base, f"with {one.name}", searching=False)
 
 
-def _best_start(base: FittedModel, score: Score) -> tuple[float, Array, Array, Effect]:
-    """Start values: loss, initial states (n, p), constants (q,), the effect at its predicted or its usual size, held.
+def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
+    """Start values: initial states (n, p), constants (q,), the effect at its predicted or its usual size, held.
 
     A fit that lacks a large effect has biased constants, and a fit that frees the effect at once may keep them.
     """
@@ -181,7 +177,7 @@ def _best_start(base: FittedModel, score: Score) -> tuple[float, Array, Array, E
         held = problem.with_model(base.model.add(effect), base.names)
         x, c, cost = few_steps(held, base.initial_states, base.constants)
         found.append((cost, x, c, effect))
-    return min(found, key=lambda one: one[0])
+    return min(found, key=lambda one: one[0])[1:]
 
 
 def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:

@@ -84,10 +84,6 @@ class FitView(ABC):
     def with_effect(self, score: Score) -> Self:
         """The fit with an additional effect, or with another formula instead of its own."""
 
-    def tried(self, score: Score) -> float:
-        """The predicted loss of a fit with a candidate, up to a constant: here by its score."""
-        return -0.5 * score.predicted_improvement
-
     def without(self, name: str) -> Self:
         """The fit without an effect."""
         if name not in self._fits_without:

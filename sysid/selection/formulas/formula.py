@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.formula import HOOK_RANGES, MAX_TERMS, TERM_HOOKS
+from models.formula import MAX_TERMS
 from models.variables import SESSION_VARIABLES
 from sysid.estimation.fitted import Point
 from sysid.estimation.problem import Array
@@ -31,8 +31,8 @@ from sysid.selection.formulas.terms import (
     VARIABLE_NAMES,
     Shape,
     Term,
+    beside_functions,
     effect_from_terms,
-    library,
 )
 from sysid.selection.scoring.score import Score, Scores
 from sysid.selection.scoring.signatures import Candidate, at_sizes, candidate
@@ -122,12 +122,6 @@ class Looked:
         """The score of a cause."""
         return _row_of(cause.name, self.scores)
 
-    def hook(self, cause: Cause) -> str:
-        """The hook of the quantity of an unknown function or a term."""
-        quantity = cause.block.quantity if cause.block is not None else shape_of(cause.name, self.terms)[0].quantity
-        code = 1 + TERM_HOOKS.index(quantity)
-        return next(hook for hook, codes in HOOK_RANGES.items() if code in codes)
-
     def unnamed(self, cause: Cause) -> Score:
         """The score of an unknown function or a term at its likeliest values, as an effect named UNNAMED_EFFECT."""
         if cause.block is not None:
@@ -152,8 +146,7 @@ def look(
         joint: see `blocks`.
     """
     seen, counts, free = _functions(base, formula, joint)
-    unseen = [name for name in SESSION_VARIABLES if name not in seen and not counts.get(name)]
-    terms = without_terms([(term,) for term in library(base.model.table, counts, unseen)], _names_in(formula))
+    terms = without_terms([(term,) for term in beside_functions(base.model.table, counts)], _names_in(formula))
     log.info("scoring %d effects, %d functions and %d terms", len(named), len(free), len(terms))
     scores = score([*at_sizes(named), *free_candidates(free), *shape_candidates(terms)])
     found = causes(scores, free)

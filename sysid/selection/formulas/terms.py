@@ -14,8 +14,9 @@ Texts of an earlier result are never evaluated: factors are parsed as numbers an
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from models import formula as doors
@@ -336,19 +337,24 @@ def _cells(table: Table) -> list[Term]:
     ]  # fmt: skip
 
 
-def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS, without: Collection[str] = ()) -> list[Term]:
-    """The terms that are scored first; families.py has more of one variable.
+def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS) -> list[Term]:
+    """All terms without a place; families.py has more of one variable.
 
     Args:
         table: on which they act.
         counts: of rails, balls, tables and players; see `COUNTED_VARIABLES`.
-        without: variables that the clips do not determine.
     """
+    lines = [
+        straight(quantity, variable, counts.get(variable, 0))
+        for quantity, variables in SEEN_BY.items()
+        for variable in variables
+    ]
+    return [*beside_functions(table, counts), *itertools.chain.from_iterable(lines)]
+
+
+def beside_functions(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS) -> list[Term]:
+    """Those that are no functions of one variable; see `library`."""
     found = _cells(table)
-    for quantity, variables in SEEN_BY.items():
-        for variable in variables:
-            if variable not in without:
-                found += straight(quantity, variable, counts.get(variable, 0))
     for axis in "xy":
         found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
     found.append(_term("side", "one", "1.0", ()))
