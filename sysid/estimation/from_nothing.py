@@ -169,8 +169,8 @@ def whole_shots(parts: Split, at: WindowFit, in_any_case: bool = False, searchin
     """Fit whole shots from the constants of windows; returns the fit with its error on the held-out clips.
 
     Constants and initial states are fitted if shots are short, if the model follows them, or `in_any_case`: after many
-    impacts a shot that is not followed is chaos, and moves the constants at random. With `searching`, the
-    initial states of shots that miss by more than most are searched again, and with more effort.
+    impacts a shot that is not followed is chaos, and moves the constants at random. With `searching`, the initial
+    states of shots that miss by more than most are searched again, and with more effort.
     """
     found = at.fitted
     x = whole_states(found.chain, found.states, found.constants, found.chain.problem, searching)

@@ -175,7 +175,7 @@ def discovery_lines(found: DiscoveryResult) -> list[str]:
 
 
 def exchange_lines(found: DiscoveryResult) -> list[str]:
-    """Held-out clips that took part in the search, since the causes found without them do not follow them."""
+    """Held-out clips that were exchanged for training clips, since the model found without them did not follow them."""
     return [
         f"{one}, held out, is not followed by what was found without it: causes are sought with it, and {two} held out"
         for one, two in found.parts.exchanged

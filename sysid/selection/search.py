@@ -298,9 +298,9 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
     """Search for what a fit lacks; yields the state after each round, the last of which adds nothing.
 
     Causes of an earlier search, for example in windows, are dropped as well if these shots do not support them. With
-    each cause initial states of shots that are still not followed, while most are, are searched again: one that is
-    wrong looks like a further cause. They are so when nothing more is likely, too, and only causes that are then
-    still accepted are kept. In the end each cause is compared with the effects of the catalogue.
+    each cause that is added, the few shots that are still not followed are given new initial states, if likelier: a
+    wrong one looks like a further cause. When nothing more is likely this is done once more, and causes that are no
+    longer accepted are dropped. In the end each cause is compared with the effects of the catalogue.
     """
     been, searched, read = [_what(found)], list[_What](), list[_What]()
     while True:

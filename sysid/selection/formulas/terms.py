@@ -353,7 +353,7 @@ def library(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS) -> list[Term
 
 
 def beside_functions(table: Table, counts: Mapping[str, int] = PLAIN_COUNTS) -> list[Term]:
-    """Those that are no functions of one variable; see `library`."""
+    """Terms that are not functions of one variable, which unknown functions include; see `library`."""
     found = _cells(table)
     for axis in "xy":
         found.append(_term(f"push_{axis}", "xy", "x * y", ("x", "y")))
