@@ -18,7 +18,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from models.hooks import BallState, ImageState, ImpactState, Layout, StrokeState, push_along, push_rolling
+from models.hooks import (
+    COMPILED_HOOKS,
+    BallState,
+    ImageState,
+    ImpactState,
+    Layout,
+    StrokeState,
+    push_along,
+    push_rolling,
+)
 
 if TYPE_CHECKING:
     import mujoco
@@ -38,9 +47,6 @@ __all__ = [
     "STRUCK_BALL", "Array", "BallState", "Effect", "ImageState", "ImpactState", "StrokeState", "param", "push_along",
     "push_rolling",
 ]  # fmt: skip
-
-
-HOOKS = ("edit", "forces", "horizon", "impact", "strike", "observe", "exposures")
 
 
 def param(
@@ -93,7 +99,7 @@ class Effect:
     @classmethod
     def opens_only(cls, hook: str) -> bool:
         """Whether it uses this hook and no other."""
-        return cls.opens(hook) and not cls.opens(*(other for other in HOOKS if other != hook))
+        return cls.opens(hook) and not cls.opens(*({"edit", *COMPILED_HOOKS} - {hook}))
 
     @classmethod
     def impacts(cls) -> tuple[str, ...] | None:
