@@ -18,7 +18,7 @@ from functools import partial
 from typing import Generic
 
 from sysid.selection.centring import centred
-from sysid.selection.formulas.causes import causes
+from sysid.selection.formulas.causes import Cause, causes
 from sysid.selection.formulas.formula import (
     EFFECT_NAME,
     MAX_FUNCTIONS,
@@ -84,9 +84,10 @@ def next_cause(
     """Add the likeliest cause to a fit; the same fit if nothing is likely.
 
     A fit that lacks much may have constants so biased that the scores of the missing causes vanish. If an unknown
-    function or a term is likeliest, or the likeliest effects are refused, it is fitted first; its replacement is then
-    sought with the losses of the shots that this fit follows, and fitted from there. A shape that replaces it must
-    explain more than the effects that are likely for the fit without the function.
+    function or a term is likeliest, or the likeliest effects are refused or leave more than noise, it is fitted as
+    well; its replacement is then sought with the losses of the shots that this fit follows, and fitted from there. What
+    replaces it must explain more than the effects that are likely for the fit without the function, unless it leaves
+    noise alone.
 
     If something is likelier than chance, and no cause is accepted, the cause may act at one rail or ball only, and
     depend there on anything else. Such functions, which are many, are scored last.
@@ -105,8 +106,7 @@ def next_cause(
     less = view.continued()
     effects = _effects(view, view, less, seen, threshold) if first.name in seen.named else None
     function = next((one for one in seen.found if one.name not in seen.named), None)
-    found: Round[V] | None = None
-    if function and function.log_odds > threshold.least and (effects is None or effects.best is None):
+    if function and function.log_odds > threshold.least and _may_outdo(function, first, effects):
         unnamed = seen.unnamed(function)
         free = view.with_effect(unnamed).renewed().searched()
         if function.block is not None:
@@ -117,16 +117,32 @@ def next_cause(
         beside = less.beside(start)
         instead = _effects(view, start, beside, there, threshold)
         found = _with_shape(view, start, beside, there, formula, instead)
-        if found.name is not None:
-            return found
+        if found.view is not view:
+            if found.view.leaves_noise or (found.name is not None and effects is None):
+                return found
+            effects = effects or _effects(view, view, less, seen, threshold)
+            if effects.best is None or _outdoes(found, instead, effects.best):
+                return found
     effects = effects or _effects(view, view, less, seen, threshold)
-    if found and found.view is not view and (effects.best is None or outdoes(found.view, found.shape, effects.best)):
-        return found
     found = _with_shape(view, view, less, seen, formula, effects)
     if found.view is view and not joint:
         more = next_cause(view, formula, error_rate, joint=True)
         return found if more.view is view else more
     return found
+
+
+def _may_outdo(function: Cause, first: Cause, effects: _Effects[V] | None) -> bool:
+    """Whether an unknown function may explain more than the likeliest effects, which have been fitted, if any."""
+    if effects is None or effects.best is None:
+        return True
+    return not effects.best.view.leaves_noise and function.log_odds > RIVAL_SHARE * first.log_odds
+
+
+def _outdoes(found: Round[V], instead: _Effects[V], rival: Judged[V]) -> bool:
+    """Whether the cause of a round, one of the effects or a shape instead, is likelier than an effect."""
+    if found.name is None or instead.best is None:
+        return outdoes(found.view, found.shape, rival)
+    return likelier(rival.view, rival.unknowns, instead.best.view, instead.best.unknowns) > 0.0
 
 
 @dataclass(frozen=True)
@@ -266,7 +282,7 @@ def without_needless(
             fewer = formula.without(part, view.point) if formula is not None else None
             less = view.without(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
         at = judged(less, view.beside(less), unknowns)
-        may_begin_elsewhere = searching and threshold.is_passed(at) and (count > 1 or less.leaves_noise)
+        may_begin_elsewhere = searching and threshold.is_passed(at) and (count > 1 or less.follows_most)
         if may_begin_elsewhere and (again := less.searched()) is not less:
             less = again
             at = judged(less, view.beside(less), unknowns)

@@ -22,9 +22,9 @@ from sysid.estimation.chains.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.fitting import few_steps, fit_held_out
 from sysid.estimation.from_nothing import likelier_starts, with_found_starts
-from sysid.estimation.problem import Array
+from sysid.estimation.problem import Array, constant_bounds
 from sysid.estimation.split import Split, fit_on
-from sysid.estimation.states.initial_states import fit_states, shot_losses
+from sysid.estimation.states.initial_states import fit_states, followed, shot_losses
 from sysid.estimation.states.state_search import BETTER_LOSS
 from sysid.selection.fits.view import FitView
 from sysid.selection.scoring.evidence import MAX_RESIDUAL_SD, compared_losses, counted_as_one, remove_effect
@@ -79,9 +79,14 @@ class ByWholeShots(FitView):
         return self._alone.information, self._alone.gradient
 
     @property
-    def leaves_noise(self) -> bool:
-        """Whether residuals beyond the noise are explained by chance."""
+    def follows_most(self) -> bool:
+        """Whether the errors of most shots are those of the measurement."""
         return self.now.discrepancy_rate == 0.0
+
+    @cached_property
+    def leaves_noise(self) -> bool:
+        """See `FitView`."""
+        return self.follows_most and bool(followed(self.now.problem, self.now.initial_states, self.now.constants).all())
 
     def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
         """See `FitView`."""
@@ -165,19 +170,30 @@ def fit_candidate(parts: Split, base: FittedModel, score: Score) -> FittedModel:
 def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
     """Start values: initial states (n, p), constants (q,), the effect at its predicted or its usual size, held.
 
-    A fit that lacks a large effect has biased constants, and a fit that frees the effect at once may keep them.
+    A fit that lacks a large effect has biased constants, and a fit that frees the effect at once may keep them. So the
+    likeliest of three starts is used: the predicted size with the predicted constants, with the fit's own, and the
+    usual size with these.
     """
     one, off = score.candidate, score.candidate.off()
     bounds = one.bounds()
     problem, found = base.weighted, list[tuple[float, Array, Array, Effect]]()
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
-    sizes = np.clip([score.values, off + one.usual()], inner[:, 0], inner[:, 1]).tolist()
-    for size in dict.fromkeys(map(tuple, sizes)):
-        effect = one.at(size)
+    size, usual = (np.clip(values, *inner.T) for values in (score.values, off + one.usual()))
+    starts = [(size, _predicted_constants(base, score)), (size, base.constants)]
+    if not np.array_equal(size, usual):
+        starts.append((usual, base.constants))
+    for values, constants in starts:
+        effect = one.at(values)
         held = problem.with_model(base.model.add(effect), base.names)
-        x, c, cost = few_steps(held, base.initial_states, base.constants)
+        x, c, cost = few_steps(held, base.initial_states, constants)
         found.append((cost, x, c, effect))
     return min(found, key=lambda one: one[0])[1:]
+
+
+def _predicted_constants(base: FittedModel, score: Score) -> Array:
+    """Constants (q,) that go with the values of a candidate by its score, within their bounds."""
+    c = np.array([score.constants.get(name, own) for name, own in zip(base.names, base.constants, strict=True)])
+    return np.clip(c, *constant_bounds(base.model, base.names).T)
 
 
 def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:

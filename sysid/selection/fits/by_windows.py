@@ -22,7 +22,7 @@ from sysid.estimation.chains.chain_beside import Beside, information_beside
 from sysid.estimation.chains.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, from_other, moved_to, searched
-from sysid.estimation.problem import CAUCHY_SD, Array
+from sysid.estimation.problem import CAUCHY_SD, Array, constant_bounds
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.fits.view import FitView
 from sysid.selection.scoring.score import Linearised, Score
@@ -158,7 +158,7 @@ def linearise_windows(at: WindowFit, candidates: Sequence[Candidate], *, togethe
 def with_effect(at: WindowFit, score: Score) -> WindowFit:
     """The fit with an additional effect, or another formula, started at its predicted or its usual size.
 
-    Terms that a formula had already start at their values.
+    It starts at the constants that go with the predicted size, or at those of the fit.
     """
     one, found = score.candidate, at.fitted
     had = dict(zip(found.chain.names, found.constants.tolist(), strict=True))
@@ -167,12 +167,17 @@ def with_effect(at: WindowFit, score: Score) -> WindowFit:
     names = (*bare, *(f"{one.name}.{key}" for key in keys))
     chain = found.chain.with_model(found.chain.model.add(one.effect), names)
     low, high = one.bounds().T
-    begin = np.array([had.get(f"{one.name}.{key}", off) for key, off in zip(one.keys, one.off().tolist(), strict=True)])
     sd, tried = chain.gap_sd(found.states), list[tuple[float, Array]]()
-    for step in (score.values - begin, one.off() + one.usual() - begin):
-        values = np.clip(begin + step, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
+    least, most = constant_bounds(chain.model, tuple(bare)).T
+    own = np.array(list(bare.values()))
+    likeliest = np.clip([score.constants.get(name, value) for name, value in bare.items()], least, most)
+    starts = [(score.values, likeliest), (score.values, own)]
+    if not np.allclose(usual := one.off() + one.usual(), score.values):
+        starts.append((usual, own))
+    for size, at_constants in starts:
+        values = np.clip(size, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
         tried_at = dict(zip(one.keys, values.tolist(), strict=True))
-        c = np.array([*bare.values(), *(tried_at.get(key, float(getattr(one.effect, key))) for key in keys)])
+        c = np.array([*at_constants, *(tried_at.get(key, float(getattr(one.effect, key))) for key in keys)])
         states = settled_states(chain, found.states, c, TRIAL_STEPS)
         tried.append((float(chain.losses(states, c, sd).sum()), c))
     _, c = min(tried, key=lambda trial: trial[0])

@@ -171,9 +171,14 @@ class FitView(ABC):
         return self.point.model
 
     @property
-    def leaves_noise(self) -> bool:
-        """Whether shots scatter about the fit by noise alone."""
+    def follows_most(self) -> bool:
+        """Whether most shots scatter about the fit by noise alone."""
         return self.design_effect == 1.0
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether all of them do."""
+        return self.follows_most
 
     def told_of(self, rows: Index) -> tuple[Array, Array]:
         """Information (n, k, k) and gradient (n, k) of each shot about some constants, reduced by the design effect."""

@@ -16,7 +16,7 @@ and smoothnesses. What many coefficients could explain by chance is so paid for,
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,7 @@ class Cause:
     block: Block | None  # None for a named effect
     mean: Array  # (k,) its parameters, as distances from where it does nothing, where they are likeliest
     gain: float  # fall of chi-square by these, predicted
+    constants: Mapping[str, float]  # of the fit, by name, that go with these
 
     @property
     def is_of_order(self) -> bool:
@@ -96,7 +97,7 @@ def cause_of(scores: Scores, usual: dict[str, Array], names: Sequence[str], bloc
     prior = priors[int(np.argmax(odds))]
     mean = -np.asarray(np.linalg.solve(information + np.linalg.inv(_regular(prior)), gradient), float)
     gain = -float(2.0 * gradient @ mean + mean @ information @ mean)
-    return Cause(names[0], float(mean_odds(odds)), block, mean, gain)
+    return Cause(names[0], float(mean_odds(odds)), block, mean, gain, scores.constants_beside(at, mean))
 
 
 def mean_odds(odds: Array) -> Array:

@@ -171,20 +171,22 @@ def shapes_of_drift(
     quantity: str, line: str, over: str, span: tuple[float, float], low: float, high: float,
     places: tuple[float, ...] | None = None,
 ) -> list[list[Shape]]:  # fmt: skip
-    """What is in proportion to one variable, and differs over the range of another: as a line, a step, or a curve.
+    """What is in proportion to one variable, and any shape over the range of another.
 
     A step in the range `span` of the first one, on one side of a place in the other, may look like that as well.
     """
-    families: list[list[Shape]] = [[(multiplied(straight(quantity, over, 0)[0], line),)]]
-    families += shapes_beyond(tuple(straight(quantity, line, 0)), over, low, high, places)
     every = places_in(low, high) if places is None else places
+    families = [
+        [tuple(multiplied(one, line) for one in shape) for shape in family]
+        for family in shapes(quantity, over, low, high, places, at_one=True)
+    ]
     for side in (1.0, -1.0):
         steps = [step(quantity, line, at, side) for at in places_in(*span)[::COARSE]]
         beyond = [
             shapes_beyond((dataclasses.replace(one, limits=span),), over, low, high, every[::COARSE]) for one in steps
         ]
         families += [[shape for both in beyond for shape in both[k]] for k in (0, 1)]
-    return families + shapes_times(quantity, over, line, low, high)
+    return families
 
 
 def shapes_as(like: Term, low: float, high: float, places: tuple[float, ...] | None = None) -> list[list[Shape]]:

@@ -13,8 +13,8 @@ import dataclasses
 import itertools
 import logging
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -65,6 +65,7 @@ class SparseFormula:
     improvements: tuple[float, ...]  # predicted fall of chi-square by each, given those before it
     values: Array  # (k,) coefficients of the linear model
     alike: tuple[tuple[str, ...], ...] = ()  # for each, alternatives that the clips do not separate from it, in words
+    constants: Mapping[str, float] = field(default_factory=dict)  # of the fit, by name, that go with these coefficients
 
     def placed(self, found: Point) -> SparseFormula:
         """The formula with its steps at their fitted places."""
@@ -96,6 +97,7 @@ class SparseFormula:
         return SparseFormula(
             (*self.terms, *shape), (*self.improvements, *[cause.gain / len(shape)] * len(shape)),
             np.concatenate([values, np.clip(cause.mean, -most, most)]), (*self.alike, *[alike] * len(shape)),
+            cause.constants,
         )  # fmt: skip
 
     def candidate(self) -> Candidate:
@@ -104,7 +106,8 @@ class SparseFormula:
 
     def score(self) -> Score:
         """The formula's predicted improvement, as a candidate's score."""
-        return Score(self.candidate(), float(sum(self.improvements)), self.values, np.full(len(self.terms), np.inf))
+        sd = np.full(len(self.terms), np.inf)
+        return Score(self.candidate(), float(sum(self.improvements)), self.values, sd, self.constants)
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,9 @@ class Looked:
         else:
             shape = shape_of(cause.name, self.terms)
             one = candidate(effect_from_terms(UNNAMED_EFFECT, shape, [term.width / 10 for term in shape]))
-        return dataclasses.replace(self.row(cause), candidate=one, values=one.off() + cause.mean)
+        return dataclasses.replace(
+            self.row(cause), candidate=one, values=one.off() + cause.mean, constants=cause.constants
+        )
 
 
 def look(

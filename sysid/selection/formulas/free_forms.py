@@ -41,7 +41,6 @@ from sysid.selection.formulas.terms import (
     COUNTED_VARIABLES,
     DRIFT_VARIABLES,
     RAIL_NAMES,
-    VARIABLE_PAIRS,
     Shape,
     step,
     straight,
@@ -188,14 +187,15 @@ def blocks(
 ) -> list[Block]:
     """All of one variable, and of those that a quantity may depend on together.
 
-    What is known to depend on a variable may do so for a single rail, ball, table or player, or on one side of a value
-    of another variable alone: functions of two variables are sought if one of the two is known to matter.
+    Each rail is a body of its own, which may depend on anything. What is known to depend on a variable may do so for a
+    single ball, table or player, or on one side of a value of another variable alone: other functions of two variables
+    are sought if one of the two is known to matter.
 
     Args:
         seen: ranges of the variables.
         counted: numbers of what is counted.
         formula: shapes that a fit has; what these leave may vary over less.
-        joint: whether every other variable may matter at a single rail, ball, table or player.
+        joint: whether every variable may matter for a single ball, table or player as well.
     """
     axes = {name: Axis.over(name, span.low, span.high, INTERVALS) for name, span in seen.items()}
     fine = {name: Axis.over(name, span.low, span.high, FINE_INTERVALS) for name, span in seen.items()}
@@ -216,7 +216,7 @@ def blocks(
         for pair in itertools.product(at_one, [name for name in its if name in axes and name not in COUNTED_VARIABLES]):
             few = math.prod(axes[name].count for name in pair) <= MAX_COEFFICIENTS
             beside = any((quantity, name) in known for name in pair)
-            if pair in VARIABLE_PAIRS or ((joint or beside) and few):
+            if (pair[0] == "rail" or joint or beside) and few:
                 found.append(Block(quantity, pair, (axes[pair[0]], axes[pair[1]])))
         drifts = [] if _of_impacts(quantity) else [name for name in its if name in DRIFT_VARIABLES and name in seen]
         for pair in itertools.product(drifts, [name for name in its if name in lines]):

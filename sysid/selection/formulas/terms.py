@@ -182,7 +182,6 @@ DRIFT_VARIABLES = tuple(name for name in SESSION_VARIABLES if name not in COUNTE
 SHORT_OR_LONG = 1.5  # between the numbers of the short rails, at +x and -x, and those of the long ones
 PLAIN_COUNTS = {"rail": len(RAIL_NAMES), "number": 2}  # for two balls
 PLACE_DIGITS = 4
-VARIABLE_PAIRS = (("rail", "along"),)  # of which a quantity may be a joint function, even where others suffice
 FIRST_STEP, SECOND_STEP = "above", "beyond"  # parts of the names of steps
 WITHOUT_CONSTANT = ("push_x", "push_y", "side", "image_x", "image_y")  # quantities for which the model has no constant
 

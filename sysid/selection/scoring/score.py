@@ -14,8 +14,8 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections import Counter
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -39,6 +39,7 @@ class Score:
     predicted_improvement: float  # fall of chi-square by the linear model
     values: Array  # (k,) parameter values for it
     sd: Array  # (k,) their standard deviations
+    constants: Mapping[str, float] = field(default_factory=dict)  # of the fit, by name, that go with these values
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ class Scores:
     marginal_information: Array  # (K,) of each probe alone, nothing projected off
     blocks: dict[str, slice]  # the probes of each candidate
     probe: Array  # (K,) parameter change of one probe
+    constants: dict[str, float]  # likeliest of the fit without any candidate, by name
+    response: Array  # (q, K) their change by one probe
 
     def only(self, names: Collection[str]) -> Scores:
         """The scores of some candidates."""
@@ -64,9 +67,14 @@ class Scores:
         return dataclasses.replace(
             self, rows=tuple(row for row in self.rows if row.candidate.name in names),
             schur_information=self.schur_information[np.ix_(at, at)], gradient=self.gradient[at],
-            marginal_information=self.marginal_information[at], probe=self.probe[at],
+            marginal_information=self.marginal_information[at], probe=self.probe[at], response=self.response[:, at],
             blocks={n: slice(*ends[k : k + 2]) for k, n in enumerate(kept)},
         )  # fmt: skip
+
+    def constants_beside(self, probes: Index, values: Array) -> dict[str, float]:
+        """Likeliest constants of the fit, by name, where some probes (k,) have moved parameters by `values` (k,)."""
+        moved = self.response[:, probes] @ (values / self.probe[probes])
+        return {name: c + by for (name, c), by in zip(self.constants.items(), moved.tolist(), strict=True)}
 
     @cached_property
     def correlations(self) -> dict[tuple[str, str], float]:
@@ -149,7 +157,7 @@ def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Sco
     q, signatures, marginal = len(point.constants), seen.signatures, seen.marginal_information / design_effect
     information, gradient = seen.information.sum(axis=0) / design_effect, seen.gradient.sum(axis=0) / design_effect
     add_known(information, gradient, point, signatures)
-    schur, projected = _without_constants(information, gradient, q)
+    schur, projected, lift = _without_constants(information, gradient, q)
     ends = np.cumsum([0, *(len(one.probe) for one in signatures)])
     columns = [np.arange(*ends[k : k + 2]) for k in range(len(signatures))]
     every = [
@@ -158,14 +166,21 @@ def scores_of(point: Point, seen: Linearised, design_effect: float = 1.0) -> Sco
     ]
     kept = _best_of_each(every)
     chosen = np.concatenate([np.zeros(0, np.int64), *(columns[k] for k in kept)])
-    schur, projected, marginal = schur[np.ix_(chosen, chosen)], projected[chosen], marginal[chosen]
     rows, start, blocks = [every[k] for k in kept], 0, {}
     for row in rows:
         blocks[row.candidate.name] = slice(start, start + len(row.values))
         start += len(row.values)
     probes = np.concatenate([np.zeros(0), *(signatures[k].probe for k in kept)])
+    alone = dict(zip(point.names, (point.constants + lift[:, 0]).tolist(), strict=True))
+    found = Scores(
+        (), seen.chi2, seen.count, schur[np.ix_(chosen, chosen)], projected[chosen], marginal[chosen], blocks, probes,
+        alone, lift[:, 1:][:, chosen],
+    )  # fmt: skip
+    for k, row in enumerate(rows):
+        at = np.arange(len(probes))[blocks[row.candidate.name]]
+        rows[k] = dataclasses.replace(row, constants=found.constants_beside(at, row.values - row.candidate.off()))
     order = tuple(sorted(rows, key=lambda row: -row.predicted_improvement))
-    return Scores(order, seen.chi2, seen.count, schur, projected, marginal, blocks, probes)
+    return dataclasses.replace(found, rows=order)
 
 
 def _best_of_each(rows: Sequence[Score]) -> list[int]:
@@ -178,12 +193,17 @@ def _best_of_each(rows: Sequence[Score]) -> list[int]:
     return sorted(best.values())
 
 
-def _without_constants(information: Array, gradient: Array, q: int) -> tuple[Array, Array]:
-    """Schur complement of the first q unknowns, and the gradient projected likewise: (K, K), (K,)."""
+def _without_constants(information: Array, gradient: Array, q: int) -> tuple[Array, Array, Array]:
+    """Schur complement of the first q unknowns, the gradient projected likewise, and how these follow.
+
+    Returns:
+        (K, K), (K,), and (q, 1 + K): their likeliest change alone, and by a unit of each of the others.
+    """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     cc = information[:q, :q] / np.outer(scale[:q], scale[:q])
-    lift = np.linalg.lstsq(cc, information[:q, q:] / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
-    return information[q:, q:] - information[q:, :q] @ lift, gradient[q:] - lift.T @ gradient[:q]
+    pull = np.column_stack([gradient[:q], information[:q, q:]])
+    lift = -np.linalg.lstsq(cc, pull / scale[:q, None], rcond=1e-10)[0] / scale[:q, None]
+    return information[q:, q:] + information[q:, :q] @ lift[:, 1:], gradient[q:] + lift[:, 1:].T @ gradient[:q], lift
 
 
 def _score(s: Signature, schur: Array, gradient: Array, marginal: Array) -> Score:
