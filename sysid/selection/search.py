@@ -15,7 +15,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic
+from typing import Generic, NamedTuple
 
 from sysid.selection.centring import centred
 from sysid.selection.formulas.causes import Cause, causes
@@ -51,7 +51,7 @@ from sysid.selection.names import Found, as_fitted, with_likelier_name
 from sysid.selection.rivals import likeliest_first, ranked
 from sysid.selection.scoring.score import Score
 from sysid.selection.scoring.signatures import candidate
-from sysid.selection.screening import Screening, candidates_for, confounded, tied
+from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
 
 _What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted
@@ -114,9 +114,13 @@ def next_cause(
         start = free.stripped(UNNAMED_EFFECT)
         gone = {name for name in free.names if name.startswith(f"{UNNAMED_EFFECT}.")}
         there = look(start.point, partial(free.scores_without, gone), formula, named, joint=joint)
-        beside = less.beside(start)
+        beside, shaped = less.beside(start), None
+        if there.found[0].name not in there.named and there.found[0].log_odds > threshold.sure:
+            shaped = likeliest_shape(start, beside, there, formula, threshold)
+            if shaped is not None and shaped.view.leaves_noise and not view.leaves_noise:
+                return Round(_screening(view, there, ()), shaped.view, shaped.formula, threshold)
         instead = _effects(view, start, beside, there, threshold)
-        found = _with_shape(view, start, beside, there, formula, instead)
+        found = _with_shape(view, start, beside, there, formula, instead, shaped)
         if found.view is not view:
             if found.view.leaves_noise or (found.name is not None and effects is None):
                 return found
@@ -174,27 +178,38 @@ def _effects(view: V, start: V, less: V, seen: Looked, threshold: Threshold) -> 
     good = ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
     best = good[0] if good else None
     rest = [as_fitted(row, at, threshold) for row, at in tried if all(row is not one.score for one, _ in good)]
-    fits = [one for one, _ in good] + sorted(rest, key=lambda one: -one.evidence.log_odds)
-    scores = seen.scores.only(seen.named)
-    screening = Screening(
-        view.fitted, scores, tuple(fits), confounded(scores), tied([one for one, _ in good]), view.windows,
-        None if best is None else best[0],
-    )  # fmt: skip
+    rest = sorted(rest, key=lambda one: -one.evidence.log_odds)
+    screening = _screening(view, seen, tuple([one for one, _ in good] + rest), [one for one, _ in good])
     return _Effects(screening, best and best[1], threshold)
 
 
+def _screening(
+    view: V, seen: Looked, fits: tuple[FittedCandidate, ...], good: Sequence[FittedCandidate] = ()
+) -> Screening:
+    """The scored effects and those that were fitted, of which `good` are accepted, the likeliest first."""
+    scores = seen.scores.only(seen.named)
+    best = good[0] if good else None
+    return Screening(view.fitted, scores, fits, confounded(scores), tied(good), view.windows, best)
+
+
 def _with_shape(
-    view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, effects: _Effects[V]
-) -> Round[V]:
-    """Add the likeliest effect, or a shape if that explains more of what the effect leaves; see `_effects`."""
+    view: V, start: V, less: V, seen: Looked, formula: SparseFormula | None, effects: _Effects[V],
+    shaped: Shaped[V] | None = None,
+) -> Round[V]:  # fmt: skip
+    """Add the likeliest effect, or a shape if that explains more of what the effect leaves; see `_effects`.
+
+    Several shapes against one effect would win whenever much is missing, although more effects might explain it as
+    well. The shape is given if it is known.
+    """
     best, threshold = effects.best, effects.threshold
     if seen.found[0].log_odds > threshold.sure and (best is None or not best.view.leaves_noise):
-        if best is not None and not is_at_bound(best.view, best.unknowns):
-            seen = unexplained_by(best.view, seen)
-        likely = bool(seen.found) and seen.found[0].log_odds > threshold.sure
-        found = explained_by_shape(start, less, seen, formula, best, threshold) if likely else None
-        if found is not None:
-            return Round(dataclasses.replace(effects.screening, best=None), *found, threshold)
+        if shaped is None:
+            if best is not None and not is_at_bound(best.view, best.unknowns):
+                seen = unexplained_by(best.view, seen)
+            if seen.found and seen.found[0].log_odds > threshold.sure:
+                shaped = likeliest_shape(start, less, seen, formula, threshold)
+        if shaped is not None and (best is None or outdoes(shaped.view, shaped.shape, best)):
+            return Round(dataclasses.replace(effects.screening, best=None), shaped.view, shaped.formula, threshold)
     return Round(effects.screening, view if best is None else best.view, formula, threshold)
 
 
@@ -211,20 +226,26 @@ def unexplained_by(view: V, seen: Looked) -> Looked:
     return dataclasses.replace(seen, found=kept)
 
 
-def explained_by_shape(
-    view: V, less: V, seen: Looked, formula: SparseFormula | None, rival: Judged[V] | None, threshold: Threshold
-) -> tuple[V, SparseFormula] | None:
-    """A formula with an additional shape, if that explains more than the best effect, or anything without an effect.
+class Shaped(NamedTuple, Generic[V]):
+    """A fit with an additional shape."""
 
-    Several shapes against one effect would win whenever much is missing, although more effects might explain it as
-    well. Of shapes that the shots do not separate, the one with the fewest variables and terms is used.
+    view: V
+    formula: SparseFormula
+    shape: Shape
+
+
+def likeliest_shape(
+    view: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold
+) -> Shaped[V] | None:
+    """The likeliest additional shape that is accepted, if any.
+
+    Of shapes that the shots do not separate, the one with the fewest variables and terms is used.
 
     Args:
-        view: a fit without either, from which one with a term starts.
+        view: a fit without it, from which one with a term starts.
         less: the fit to compare it with.
         seen: scores of causes for it.
         formula: of the fit.
-        rival: the fit with the effect.
         threshold: that a shape must pass.
     """
     tried = list[tuple[Judged[V], SparseFormula, Shape]]()
@@ -238,7 +259,7 @@ def explained_by_shape(
         return None
     k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]
     _, larger, shape = tried[k]
-    return (best.view, larger) if rival is None or outdoes(best.view, shape, rival) else None
+    return Shaped(best.view, larger, shape)
 
 
 def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:

@@ -147,3 +147,13 @@ def leaning_pile(world: World) -> None:
 def polished_lane(world: World) -> None:
     """Sliding friction is 0.8 times as high where x is between -0.35 and 0.35 m."""
     world.slide = times(world.slide, lambda seen: 0.8 if abs(seen.ball[0]) < 0.35 else 1.0)
+
+
+def clinging_nap(world: World) -> None:
+    """Sidespin dies 1 + 0.5 exp(-speed / 0.4) times as fast: slow balls sink into the nap."""
+    world.spin = times(world.spin, lambda seen: 1.0 + 0.5 * math.exp(-math.hypot(seen.ball[2], seen.ball[3]) / 0.4))
+
+
+def pulled_cloth(world: World) -> None:
+    """Rolling friction is 1 - 0.2 cos(heading) times as high in the second half: the cloth was pulled towards +x."""
+    world.roll = times(world.roll, lambda seen: 1.0 - (0.2 * math.cos(heading(seen)) if seen.order > 0.5 else 0.0))

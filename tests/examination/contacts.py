@@ -246,3 +246,27 @@ def brittle_balls(world: World) -> None:
 def dusty_sides(world: World) -> None:
     """Friction of balls is higher by 0.15 y^2, y in metres from the middle of the table."""
     world.ball_mu = plus(world.ball_mu, lambda seen: 0.15 * seen.ball[1] ** 2)
+
+
+def worn_end_nose(world: World) -> None:
+    """Friction of the cushion at -x falls by 0.06 for every m/s of slip beyond 0.5 m/s."""
+    world.cushion_mu = plus(
+        world.cushion_mu, lambda seen: -0.06 * max(0.0, seen.slip - 0.5) if seen.rail == "-x" else 0.0
+    )
+
+
+def waking_rubber(world: World) -> None:
+    """Cushions return 0.06 exp(-order / 0.3) less: cold rubber wakes up in the session."""
+    world.cushion_e = plus(world.cushion_e, lambda seen: -0.06 * math.exp(-seen.order / 0.3))
+
+
+def sticky_cuts(world: World) -> None:
+    """Friction of balls is higher by 0.05 where less than 0.6 of the striking ball's speed is approach."""
+    world.ball_mu = plus(
+        world.ball_mu, lambda seen: 0.05 if seen.approach < 0.6 * math.hypot(seen.ball[2], seen.ball[3]) else 0.0
+    )
+
+
+def sweating_slate(world: World) -> None:
+    """Balls return 0.05 less where y is below 0, in the second half of the session."""
+    world.ball_e = plus(world.ball_e, lambda seen: -0.05 if seen.ball[1] < 0.0 and seen.order > 0.5 else 0.0)

@@ -96,3 +96,13 @@ def settling_camera(seen: tuple[float, float], order: float) -> tuple[float, flo
 def lens_in_the_sun(seen: tuple[float, float], order: float) -> tuple[float, float]:
     """The image is 0.4 % longer along x in the middle third of the session."""
     return seen[0] * (1.004 if 1.0 / 3.0 < order < 2.0 / 3.0 else 1.0), seen[1]
+
+
+def folded_mirror(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image is folded at the middle: y + 0.004 |x|."""
+    return seen[0], seen[1] + 0.004 * abs(seen[0])
+
+
+def creeping_zoom(seen: tuple[float, float], order: float) -> tuple[float, float]:
+    """The image grows along y by 0.5 % times the square of the order."""
+    return seen[0], seen[1] * (1.0 + 0.005 * order**2)
