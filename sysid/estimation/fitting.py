@@ -54,10 +54,11 @@ def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> Fi
     Shots are weighted by their own discrepancies, or `alike` by the median one. With `searches`, shots that miss by
     more than noise, and by more than most shots, are searched again at the new constants, as long as that helps; if
     they are few, with increasing effort, up to the work of searching all. A model that does not follow the shots is
-    fitted coarsely, since its own errors move its constants by more.
+    fitted coarsely, since its own errors move its constants by more; one whose discrepancies still change, in a few
+    steps at a time.
     """
     problem, x, c = start.problem, start.initial_states, start.constants
-    tolerated, effort, searching, best = GROWING_RATE, 0, searches, np.inf
+    tolerated, effort, searching, best, settled = GROWING_RATE, 0, searches, np.inf, False
     usual, last_effort = start.discrepancy_rate, len(SEARCH_EFFORTS) - 1
     for _ in range(MAX_ROUNDS):
         elsewhere = 0
@@ -66,7 +67,7 @@ def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> Fi
         _, own = shot_scores(problem, x, c)
         tolerated = usual = float(np.median(own))
         problem = problem.with_own_rates(np.zeros_like(own) if alike else own)
-        rule = COARSE_FIT if tolerated > CLOSE_RATE else FINE_FIT
+        rule = COARSE_FIT if tolerated > CLOSE_RATE else FINE_FIT if settled else SHORT_FIT
         found = _solve(problem.with_discrepancy(tolerated), x, c, rule, what)
         x, c = found.initial_states, found.constants
         score = float(shot_scores(problem, x, c)[0].sum())
@@ -76,6 +77,8 @@ def _in_turn(start: Point, what: str, searches: bool, alike: bool = False) -> Fi
         improved, best = score < best - BETTER_LOSS, min(score, best)
         if improved:
             searching = elsewhere > 0
+        elif not settled:
+            settled = True
         elif searches and not searching:
             searching = True
         elif searches and effort < last_effort and 0 < SEARCH_EFFORTS[effort + 1] * np.count_nonzero(own) <= len(x):

@@ -7,7 +7,7 @@ next shots.
     free_forms         causes, named or not, by their marginal likelihood; unknown functions
     terms, formula     structure outside the catalogue, as a sparse formula; effect_file writes it as an effect
     view               the interface of a fit for the search: by_windows, by_whole_shots
-    search             adds one cause after another, and drops redundant ones
+    search             adds one cause after another, and drops redundant ones; shaping: the shapes of unknown functions
     screening          the result of a round, for reports
     evidence           comparison of two fits; variance beyond noise
     departures         single shots that depart from the others

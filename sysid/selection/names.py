@@ -7,12 +7,18 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
 from sysid.selection.formulas.causes import causes
-from sysid.selection.formulas.formula import EFFECT_NAME, SEPARATED_LOG_ODDS, SparseFormula, parameters_of
+from sysid.selection.formulas.formula import (
+    EFFECT_NAME,
+    RIVAL_SHARE,
+    SEPARATED_LOG_ODDS,
+    SparseFormula,
+    parameters_of,
+)
 from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.judgement import Judged, Threshold, Unknown, V, judged, likelier, unknowns_of, unknowns_of_terms
 from sysid.selection.scoring.score import Score, Scores
@@ -42,7 +48,7 @@ def with_likelier_name(found: Found[V]) -> tuple[Found[V], FittedCandidate] | No
     for name in found.verdict:
         own = candidate(next(type(one) for one in view.model.effects if one.name() == name))
         scores = view.scores_without({one for one in view.names if one.startswith(f"{name}.")}, [*every, own])
-        if row := _likeliest(scores, than=name, by=SEPARATED_LOG_ODDS):
+        if row := _likeliest(scores, name, lambda odds: odds + SEPARATED_LOG_ODDS):
             more = view.stripped(name).with_effect(row).renewed()
             if _over(view, unknowns_of(own, view.names), more, row) > SEPARATED_LOG_ODDS:
                 kept = tuple(row.candidate.name if one == name else one for one in found.verdict)
@@ -53,7 +59,7 @@ def with_likelier_name(found: Found[V]) -> tuple[Found[V], FittedCandidate] | No
     for group, placed in zip(formula.groups, formula.placed(view.point).groups, strict=True):
         own = shape_candidates([placed])[0]
         scores = view.scores_without(parameters_of(group), [*every, own])
-        if row := _likeliest(scores, than=own.name, by=-SEPARATED_LOG_ODDS):
+        if row := _likeliest(scores, own.name, lambda odds: RIVAL_SHARE * odds):
             fewer = formula.without(group, view.point)
             start = view.stripped(EFFECT_NAME) if fewer is None else view.with_effect(fewer.score())
             more = start.with_effect(row).renewed()
@@ -82,10 +88,10 @@ def as_fitted(row: Score, at: Judged[V], threshold: Threshold | None = None) -> 
     return FittedCandidate(row, at.view.fitted, at.evidence, at.in_all > 0.0, clip)
 
 
-def _likeliest(scores: Scores, than: str, by: float) -> Score | None:
-    """The score of the likeliest candidate, if that is by so much likelier than one of them, and another."""
+def _likeliest(scores: Scores, than: str, least: Callable[[float], float]) -> Score | None:
+    """The score of the likeliest candidate beside a given one, if its log odds exceed the least for those of that."""
     odds = {one.name: one.log_odds for one in causes(scores)}
     best = max((name for name in odds if name != than), key=odds.__getitem__, default=than)
-    if best == than or odds[best] <= odds[than] + by:
+    if best == than or odds[best] <= least(odds[than]):
         return None
     return next(one for one in scores.rows if one.candidate.name == best)

@@ -15,24 +15,21 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic, NamedTuple
+from typing import Generic
 
 from sysid.selection.centring import centred
-from sysid.selection.formulas.causes import Cause, causes
+from sysid.selection.formulas.causes import Cause
 from sysid.selection.formulas.formula import (
     EFFECT_NAME,
-    MAX_FUNCTIONS,
     RIVAL_SHARE,
     SEPARATED_LOG_ODDS,
     UNNAMED_EFFECT,
     Looked,
     SparseFormula,
-    grown,
     look,
     parameters_of,
     reshaped,
 )
-from sysid.selection.formulas.shapes import shape_candidates
 from sysid.selection.formulas.terms import Shape
 from sysid.selection.judgement import (
     ERROR_RATE,
@@ -48,10 +45,11 @@ from sysid.selection.judgement import (
     unknowns_of_terms,
 )
 from sysid.selection.names import Found, as_fitted, with_likelier_name
-from sysid.selection.rivals import likeliest_first, ranked
+from sysid.selection.rivals import ranked
 from sysid.selection.scoring.score import Score
 from sysid.selection.scoring.signatures import candidate
 from sysid.selection.screening import FittedCandidate, Screening, candidates_for, confounded, tied
+from sysid.selection.shaping import Shaped, is_at_bound, likeliest_shape, outdoes, unexplained_by, with_few_searched
 
 _What = tuple[frozenset[str], frozenset[str]]  # effects and terms of a fit
 MAX_FITS, MAX_TRIALS = 3, 6  # candidates fitted in a round: usually at most, and while none is accepted
@@ -176,6 +174,9 @@ def _effects(view: V, start: V, less: V, seen: Looked, threshold: Threshold) -> 
         more = start.with_effect(row)
         tried.append((row, judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)))
     good = ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
+    if good:
+        likeliest = with_few_searched(good[0][1])
+        good[0] = dataclasses.replace(good[0][0], fitted=likeliest.view.fitted), likeliest
     best = good[0] if good else None
     rest = [as_fitted(row, at, threshold) for row, at in tried if all(row is not one.score for one, _ in good)]
     rest = sorted(rest, key=lambda one: -one.evidence.log_odds)
@@ -211,74 +212,6 @@ def _with_shape(
         if shaped is not None and (best is None or outdoes(shaped.view, shaped.shape, best)):
             return Round(dataclasses.replace(effects.screening, best=None), shaped.view, shaped.formula, threshold)
     return Round(effects.screening, view if best is None else best.view, formula, threshold)
-
-
-def unexplained_by(view: V, seen: Looked) -> Looked:
-    """The functions and terms that are likely beside a fit's effect as well; see `outdoes`.
-
-    The others have the law of the effect: none of their shapes could take its place.
-    """
-    ours = [one for one in seen.found if one.name not in seen.named][:MAX_FUNCTIONS]
-    beside = causes(view.scores([seen.row(one).candidate for one in ours]), [one.block for one in ours if one.block])
-    likely = {one.name: one.log_odds > 0.0 for one in beside}
-    of_order = any(likely.values())  # whether functions of the order count as well: see `grown`
-    kept = [one for one in seen.found if likely.get(one.name, of_order and one.is_of_order)]
-    return dataclasses.replace(seen, found=kept)
-
-
-class Shaped(NamedTuple, Generic[V]):
-    """A fit with an additional shape."""
-
-    view: V
-    formula: SparseFormula
-    shape: Shape
-
-
-def likeliest_shape(
-    view: V, less: V, seen: Looked, formula: SparseFormula | None, threshold: Threshold
-) -> Shaped[V] | None:
-    """The likeliest additional shape that is accepted, if any.
-
-    Of shapes that the shots do not separate, the one with the fewest variables and terms is used.
-
-    Args:
-        view: a fit without it, from which one with a term starts.
-        less: the fit to compare it with.
-        seen: scores of causes for it.
-        formula: of the fit.
-        threshold: that a shape must pass.
-    """
-    tried = list[tuple[Judged[V], SparseFormula, Shape]]()
-    for larger in grown(formula, view.point, seen):
-        shape = larger.terms[0 if formula is None else len(formula.terms) :]
-        more = view.with_effect(larger.score())
-        at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
-        if threshold.is_passed(at):
-            tried.append((at, larger, shape))
-    if not tried:
-        return None
-    k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]
-    _, larger, shape = tried[k]
-    return Shaped(best.view, larger, shape)
-
-
-def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
-    """Whether a fit with a shape is likelier than one with an effect, and explains something in addition to it.
-
-    A term that equals the law of the effect explains nothing in addition, whatever progress each fit has made. An
-    effect with a parameter at a bound has left the law that it stands for: then it is enough to be likelier.
-    """
-    beside = causes(rival.view.scores(shape_candidates([shape])))[0].log_odds
-    more = likelier(rival.view, rival.unknowns, view, unknowns_of_terms(shape))
-    log.info("%s: log odds %.1f over the best effect, %.1f in addition to it", shape[0].group, more, beside)
-    return more > SEPARATED_LOG_ODDS and (beside > 0.0 or is_at_bound(rival.view, rival.unknowns))
-
-
-def is_at_bound(view: V, unknowns: Sequence[Unknown]) -> bool:
-    """Whether a parameter of a cause has gone as far as it may, where the cause does not vanish."""
-    values = dict(zip(view.names, view.point.constants, strict=True))
-    about = {one.name: view.model.meta(one.name) for one in unknowns}
-    return any(values[name] in meta["bounds"] and values[name] != meta["off"] for name, meta in about.items())
 
 
 def without_needless(

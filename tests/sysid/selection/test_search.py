@@ -30,7 +30,8 @@ from sysid.selection.names import Found, with_likelier_name
 from sysid.selection.rivals import likeliest_first
 from sysid.selection.scoring.signatures import candidate
 from sysid.selection.screening import candidates_for
-from sysid.selection.search import is_at_bound, next_cause, outdoes, search, without_needless
+from sysid.selection.search import next_cause, search, without_needless
+from sysid.selection.shaping import is_at_bound, outdoes
 from tests.truth.__main__ import main as generate
 
 Made = tuple[Split, WindowFit, FittedModel]
