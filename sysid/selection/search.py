@@ -167,21 +167,22 @@ def _effects(view: V, start: V, less: V, seen: Looked, threshold: Threshold) -> 
         threshold: that a cause must pass.
     """
     least = threshold.sure if start is view else max(threshold.sure, RIVAL_SHARE * seen.found[0].log_odds)
-    tried = list[tuple[Score, Judged[V]]]()
-    for row in [seen.row(one) for one in seen.found if one.name in seen.named and one.log_odds > least][:MAX_TRIALS]:
-        if len(tried) >= MAX_FITS and any(threshold.is_passed(at) for _, at in tried):
+    tried, enough = list[tuple[Score, Judged[V]]](), RIVAL_SHARE * seen.found[0].log_odds
+    for one in [one for one in seen.found if one.name in seen.named and one.log_odds > least][:MAX_TRIALS]:
+        good = [at for _, at in tried if threshold.is_passed(at)]
+        if good and (len(tried) >= MAX_FITS or (one.log_odds < enough and any(at.view.leaves_noise for at in good))):
             break
+        row = seen.row(one)
         more = start.with_effect(row)
         tried.append((row, judged_where_found(less, more, unknowns_of(row.candidate, more.names), threshold)))
-    good = ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
-    if good:
-        likeliest = with_few_searched(good[0][1])
-        good[0] = dataclasses.replace(good[0][0], fitted=likeliest.view.fitted), likeliest
-    best = good[0] if good else None
-    rest = [as_fitted(row, at, threshold) for row, at in tried if all(row is not one.score for one, _ in good)]
+    found = ranked([(as_fitted(row, at), at) for row, at in tried if threshold.is_passed(at)])
+    if found:
+        likeliest = with_few_searched(found[0][1])
+        found[0] = dataclasses.replace(found[0][0], fitted=likeliest.view.fitted), likeliest
+    fits = [one for one, _ in found]
+    rest = [as_fitted(row, at, threshold) for row, at in tried if all(row is not one.score for one in fits)]
     rest = sorted(rest, key=lambda one: -one.evidence.log_odds)
-    screening = _screening(view, seen, tuple([one for one, _ in good] + rest), [one for one, _ in good])
-    return _Effects(screening, best and best[1], threshold)
+    return _Effects(_screening(view, seen, (*fits, *rest), fits), found[0][1] if found else None, threshold)
 
 
 def _screening(

@@ -74,6 +74,7 @@ def likeliest_shape(
         more = view.with_effect(larger.score())
         at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
         if threshold.is_passed(at):
+            at = with_few_searched(at)
             tried.append((at, larger, shape))
             if at.view.leaves_noise and not less.leaves_noise:
                 explained.add(function)
@@ -81,7 +82,7 @@ def likeliest_shape(
         return None
     k, best, _ = likeliest_first([at for at, _, _ in tried], [len(shape[0].depends_on) for _, _, shape in tried])[0]
     _, larger, shape = tried[k]
-    return Shaped(with_few_searched(best).view, larger, shape)
+    return Shaped(best.view, larger, shape)
 
 
 def outdoes(view: V, shape: Shape, rival: Judged[V]) -> bool:
