@@ -87,14 +87,14 @@ def next_cause(
     replaces it must explain more than the effects that are likely for the fit without the function, unless it leaves
     noise alone.
 
-    If something is likelier than chance, and no cause is accepted, the cause may act at one rail or ball only, and
-    depend there on anything else. Such functions, which are many, are scored last.
+    If something is likelier than chance, and no cause is accepted, the cause may act for one ball, table or player only,
+    and depend there on anything else. Such functions, which are many, are scored last.
 
     Args:
         view: the fit.
         formula: of the fit.
         error_rate: of an added cause.
-        joint: whether functions of a rail, ball, table or player and another variable are scored, too.
+        joint: whether functions of a ball, table or player and another variable are scored, too.
     """
     named = candidates_for(view.model)
     seen = look(view.point, view.scores, formula, () if joint else named, joint=joint)
