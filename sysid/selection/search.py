@@ -87,8 +87,8 @@ def next_cause(
     replaces it must explain more than the effects that are likely for the fit without the function, unless it leaves
     noise alone.
 
-    If something is likelier than chance, and no cause is accepted, the cause may act for one ball, table or player only,
-    and depend there on anything else. Such functions, which are many, are scored last.
+    If something is likelier than chance, and no cause is accepted, the cause may act for one ball, table or player
+    only, and depend there on anything else. Such functions, which are many, are scored last.
 
     Args:
         view: the fit.
