@@ -76,6 +76,15 @@ def test_the_hidden_effect_scores_best_and_its_size_is_promised(drag: Point) -> 
     assert found.correlations["table_tilt", "cushion_restitution_speed"] < 0.9
 
 
+def test_constants_go_with_what_is_missing(drag: Point) -> None:
+    """Without the drag of the air the cloth would have to brake for it; with it, it has its true friction."""
+    found = score_all(drag, [candidate(effect_class("air_drag"))])
+    roll, (row,) = drag.constants[NAMES.index("decoupled_cloth.roll")], found.rows
+    assert found.constants.keys() == row.constants.keys() == set(NAMES)
+    beside, alone = (at["decoupled_cloth.roll"] - roll for at in (row.constants, found.constants))
+    assert alone > 1e-4 and abs(beside) < 0.2 * alone
+
+
 def test_quick_scores_are_nearly_the_same(drag: Point) -> None:
     few = [candidate(effect_class(n)) for n in ("air_drag", "side_curve")]
     slow, quick = score_all(drag, few), score_all(drag, few, quick=True)
