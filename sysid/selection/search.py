@@ -278,7 +278,7 @@ def search(found: Found[V], error_rate: float = ERROR_RATE) -> Iterator[tuple[Fo
         seen, now = next_cause(found.view, found.formula, error_rate), found
         if seen.view is not found.view:
             verdict = (*found.verdict, seen.name) if seen.name else found.verdict
-            now = _needed(seen.view.searched(), found, verdict, seen.formula, seen.threshold)
+            now = _needed(seen.view.searched(every=True), found, verdict, seen.formula, seen.threshold)
         if _what(now) in been:  # nothing was added, or a dropped cause was added again
             now = found
             if _what(found) not in searched:

@@ -21,7 +21,7 @@ from models.effect import Effect
 from sysid.estimation.chains.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.fitting import few_steps, fit_held_out
-from sysid.estimation.from_nothing import likelier_starts, with_found_starts
+from sysid.estimation.from_nothing import likelier_starts, with_every_start_found, with_found_starts
 from sysid.estimation.problem import Array, constant_bounds
 from sysid.estimation.split import Split, fit_on
 from sysid.estimation.states.initial_states import fit_states, followed, shot_losses
@@ -120,12 +120,19 @@ class ByWholeShots(FitView):
         """The fit itself: each fit of whole shots has the most likely errors."""
         return self
 
-    def searched(self) -> Self:
-        """The fit with new initial states for poorly followed shots, including held-out ones, if likelier."""
+    def searched(self, *, every: bool = False) -> Self:
+        """The fit with new initial states for poorly followed shots, including held-out ones, if likelier.
+
+        With `every`, those of the others are searched, too, once all are followed.
+        """
         now, before = with_found_starts(self.now), self.now.held_out
+        if every and dataclasses.replace(self, now=now).leaves_noise:
+            now = with_every_start_found(now)
         if self.parts.held_out is not None and before is not None:
             problem = self.parts.held_out.with_model(now.problem.model, now.names)
-            states = likelier_starts(problem, before.initial_states, now.constants, now.discrepancy_rate)
+            x, c = before.initial_states, now.constants
+            odd = np.flatnonzero(~followed(problem, x, c, now.discrepancy_rate))
+            states = likelier_starts(problem, x, c, odd)
             held = fit_held_out(now, problem, states, searching=False)
             if now is not self.now or _loss(held) < _loss(before) - BETTER_LOSS:
                 now = dataclasses.replace(now, held_out=held)

@@ -103,7 +103,7 @@ class ByWindows(FitView):
         """The fit from windows searched again, at the most likely errors of the model."""
         return dataclasses.replace(self, at=searched(self.at))
 
-    def searched(self) -> Self:
+    def searched(self, *, every: bool = False) -> Self:
         """The fit itself: its windows were searched when it was renewed."""
         return self
 

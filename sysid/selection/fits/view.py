@@ -116,8 +116,11 @@ class FitView(ABC):
         """The fit at the most likely errors of its model."""
 
     @abstractmethod
-    def searched(self) -> Self:
-        """The fit with initial states searched again; unchanged if that finds nothing likelier."""
+    def searched(self, *, every: bool = False) -> Self:
+        """The fit with initial states of poorly followed shots, or of all, searched again.
+
+        It is unchanged if that finds nothing likelier.
+        """
 
     @abstractmethod
     def continued(self) -> Self:
