@@ -153,15 +153,17 @@ def judged(less: V, more: V, unknowns: Sequence[Unknown]) -> Judged[V]:
 
 
 def judged_where_found(
-    less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold, ranked: bool = False
+    less: V, more: V, unknowns: Sequence[Unknown], threshold: Threshold, over: float | None = None
 ) -> Judged[V]:
     """The evidence; if held-out shots alone decide, their initial states are searched first.
 
-    They decide if they contradict what the others accept, and, if `ranked`, wherever their evidence is large.
+    They decide if they contradict what the others accept, and, where a rank among rivals is asked for, if their evidence
+    is large; but not if a rival has log odds `over` those by the fitted shots, which the search would not change.
     """
     at = judged(less.beside(more), more, unknowns)
-    decide = not threshold.is_passed(at) or (ranked and at.held < -SEPARATED_LOG_ODDS)
-    if threshold.is_sure(at) and decide and (again := more.renewed().searched()) is not more:
+    decide = not threshold.is_passed(at) or (over is not None and at.held < -SEPARATED_LOG_ODDS)
+    may = threshold.is_sure(at) and at.log_odds > (-math.inf if over is None else over)
+    if may and decide and (again := more.renewed().searched()) is not more:
         at = judged(less.beside(again), again, unknowns)
     return at
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 from collections.abc import Sequence
 from typing import Generic, NamedTuple
 
@@ -72,7 +73,8 @@ def likeliest_shape(
         if function in explained:
             continue
         more = view.with_effect(larger.score())
-        at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, ranked=True)
+        most = max((one.in_all for one, _, _ in tried), default=-math.inf)
+        at = judged_where_found(less, more, unknowns_of_terms(shape), threshold, most)
         if threshold.is_passed(at):
             at = with_few_searched(at)
             tried.append((at, larger, shape))
