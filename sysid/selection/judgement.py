@@ -157,8 +157,8 @@ def judged_where_found(
 ) -> Judged[V]:
     """The evidence; if held-out shots alone decide, their initial states are searched first.
 
-    They decide if they contradict what the others accept, and, where a rank among rivals is asked for, if their evidence
-    is large; but not if a rival has log odds `over` those by the fitted shots, which the search would not change.
+    They decide if they contradict what the others accept, and, where a rank among rivals is asked for, if their
+    evidence is large; but not if a rival has log odds `over` those by the fitted shots, which a search does not change.
     """
     at = judged(less.beside(more), more, unknowns)
     decide = not threshold.is_passed(at) or (over is not None and at.held < -SEPARATED_LOG_ODDS)
