@@ -15,7 +15,7 @@ from models.simulation.simulate import simulate
 from sysid.clips import Clip, ClipSet, Observation, read_clip_set
 from sysid.clips.tracker.noise import position_noise
 from sysid.estimation.chains.chain_search import found_states
-from sysid.estimation.from_nothing import begin
+from sysid.estimation.from_nothing import begin, likelier_starts
 from sysid.estimation.problem import Array
 from sysid.estimation.shot_problem import ShotProblem, shot_problem
 from sysid.estimation.states.initial_states import fit_states, own_scores
@@ -74,6 +74,15 @@ def test_sidespin_that_the_cloth_would_end_is_found(cut_with_side: tuple[ShotPro
     assert stuck[0, 6] == 0.0, "where a fit without sidespin ends"
     found = from_other_sidespins(problem.objective(), stuck, NO_CONSTANTS, np.arange(1), 2)
     assert found[0, 6] == pytest.approx(0.43, abs=0.05)
+
+
+def test_the_shots_that_are_asked_for_are_searched(cut_with_side: tuple[ShotProblem, Array]) -> None:
+    problem, stuck = cut_with_side
+    found = likelier_starts(problem, stuck, NO_CONSTANTS, np.arange(1))
+    assert found[0, 6] == pytest.approx(0.43, abs=0.05)
+    assert likelier_starts(problem, stuck, NO_CONSTANTS, np.arange(0)).tobytes() == stuck.tobytes()
+    again = likelier_starts(problem, found, NO_CONSTANTS, np.arange(1))
+    assert again.tobytes() == found.tobytes(), "nothing is likelier"
 
 
 def test_a_sidespin_that_is_no_unknown_is_not_searched(cut_with_side: tuple[ShotProblem, Array]) -> None:
