@@ -84,9 +84,9 @@ class ByWholeShots(FitView):
         return self.now.discrepancy_rate == 0.0
 
     @cached_property
-    def leaves_noise(self) -> bool:
+    def unfollowed(self) -> int:
         """See `FitView`."""
-        return self.follows_most and bool(followed(self.now.problem, self.now.initial_states, self.now.constants).all())
+        return int(np.count_nonzero(~followed(self.now.problem, self.now.initial_states, self.now.constants)))
 
     def linearised(self, candidates: Sequence[Candidate], *, together: bool = False) -> Linearised:
         """See `FitView`."""

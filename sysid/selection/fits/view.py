@@ -179,9 +179,14 @@ class FitView(ABC):
         return self.design_effect == 1.0
 
     @property
+    def unfollowed(self) -> int:
+        """Number of shots that miss by more than noise explains, where most are followed."""
+        return 0
+
+    @property
     def leaves_noise(self) -> bool:
-        """Whether all of them do."""
-        return self.follows_most
+        """Whether all shots scatter about the fit by noise alone."""
+        return self.follows_most and self.unfollowed == 0
 
     def told_of(self, rows: Index) -> tuple[Array, Array]:
         """Information (n, k, k) and gradient (n, k) of each shot about some constants, reduced by the design effect."""
