@@ -170,7 +170,8 @@ def _effects(view: V, start: V, less: V, seen: Looked, threshold: Threshold) -> 
     tried, enough = list[tuple[Score, Judged[V]]](), RIVAL_SHARE * seen.found[0].log_odds
     for one in [one for one in seen.found if one.name in seen.named and one.log_odds > least][:MAX_TRIALS]:
         good = [at for _, at in tried if threshold.is_passed(at)]
-        if good and (len(tried) >= MAX_FITS or (one.log_odds < enough and any(at.view.leaves_noise for at in good))):
+        explained = len(tried) > 1 and one.log_odds < enough and any(at.view.leaves_noise for at in good)
+        if good and (len(tried) >= MAX_FITS or explained):  # the second is the margin over the next best
             break
         row = seen.row(one)
         more = start.with_effect(row)
