@@ -217,10 +217,10 @@ def with_every_start_found(found: FittedModel) -> FittedModel:
     few standard deviations of its chi-square, looks like a small further cause.
     """
     problem, x, c, usual = found.problem, found.initial_states, found.constants, found.discrepancy_rate
-    bare = problem.with_own_rates(np.zeros(len(x)))
-    new = likelier_starts(bare, x, c, np.arange(len(x)))
+    new = likelier_starts(problem, x, c, np.arange(len(x)))
     if np.array_equal(new, x):
         return found
+    bare = problem.with_own_rates(np.zeros(len(x)))
     now = fit(Point(bare, new, c, usual), "all shots", searching=False)
     log.info("%d shots with likelier initial states", np.count_nonzero(np.any(new != x, axis=1)))
     return now if _score(now) < _score(found) - BETTER_LOSS else found

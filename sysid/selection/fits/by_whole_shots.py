@@ -22,7 +22,7 @@ from sysid.estimation.chains.chain_fit import design_effect
 from sysid.estimation.fitted import FittedModel, HeldOut, Point
 from sysid.estimation.fitting import few_steps, fit_held_out
 from sysid.estimation.from_nothing import likelier_starts, with_every_start_found, with_found_starts
-from sysid.estimation.problem import Array, constant_bounds
+from sysid.estimation.problem import Array
 from sysid.estimation.split import Split, fit_on
 from sysid.estimation.states.initial_states import fit_states, followed, shot_losses
 from sysid.estimation.states.state_search import BETTER_LOSS
@@ -186,7 +186,7 @@ def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
     problem, found = base.weighted, list[tuple[float, Array, Array, Effect]]()
     inner = bounds + np.outer(bounds[:, 1] - bounds[:, 0], [1e-4, -1e-4])
     size, usual = (np.clip(values, *inner.T) for values in (score.values, off + one.usual()))
-    starts = [(size, _predicted_constants(base, score)), (size, base.constants)]
+    starts = [(size, score.constants_in(base.model, base.names, base.constants)), (size, base.constants)]
     if not np.array_equal(size, usual):
         starts.append((usual, base.constants))
     for values, constants in starts:
@@ -195,12 +195,6 @@ def _best_start(base: FittedModel, score: Score) -> tuple[Array, Array, Effect]:
         x, c, cost = few_steps(held, base.initial_states, constants)
         found.append((cost, x, c, effect))
     return min(found, key=lambda one: one[0])[1:]
-
-
-def _predicted_constants(base: FittedModel, score: Score) -> Array:
-    """Constants (q,) that go with the values of a candidate by its score, within their bounds."""
-    c = np.array([score.constants.get(name, own) for name, own in zip(base.names, base.constants, strict=True)])
-    return np.clip(c, *constant_bounds(base.model, base.names).T)
 
 
 def fit_without(parts: Split, found: FittedModel, name: str) -> FittedModel:

@@ -22,7 +22,7 @@ from sysid.estimation.chains.chain_beside import Beside, information_beside
 from sysid.estimation.chains.chain_fit import fit_chain, settled_states
 from sysid.estimation.fitted import FittedModel, Point
 from sysid.estimation.from_nothing import WindowFit, from_other, moved_to, searched
-from sysid.estimation.problem import CAUCHY_SD, Array, constant_bounds
+from sysid.estimation.problem import CAUCHY_SD, Array
 from sysid.estimation.solver.least_squares import weights
 from sysid.selection.fits.view import FitView
 from sysid.selection.scoring.score import Linearised, Score
@@ -168,9 +168,8 @@ def with_effect(at: WindowFit, score: Score) -> WindowFit:
     chain = found.chain.with_model(found.chain.model.add(one.effect), names)
     low, high = one.bounds().T
     sd, tried = chain.gap_sd(found.states), list[tuple[float, Array]]()
-    least, most = constant_bounds(chain.model, tuple(bare)).T
     own = np.array(list(bare.values()))
-    likeliest = np.clip([score.constants.get(name, value) for name, value in bare.items()], least, most)
+    likeliest = score.constants_in(chain.model, tuple(bare), own)
     starts = [(score.values, likeliest), (score.values, own)]
     if not np.allclose(usual := one.off() + one.usual(), score.values):
         starts.append((usual, own))

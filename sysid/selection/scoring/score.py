@@ -20,8 +20,9 @@ from functools import cached_property
 
 import numpy as np
 
+from models.model_file import Model
 from sysid.estimation.fitted import Point
-from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_steps
+from sysid.estimation.problem import CAUCHY_SD, Array, Index, constant_bounds, constant_steps
 from sysid.estimation.solver.joint_fit import eliminated
 from sysid.estimation.solver.least_squares import differences, weights
 from sysid.estimation.solver.normal_equations import from_columns
@@ -40,6 +41,11 @@ class Score:
     values: Array  # (k,) parameter values for it
     sd: Array  # (k,) their standard deviations
     constants: Mapping[str, float] = field(default_factory=dict)  # of the fit, by name, that go with these values
+
+    def constants_in(self, model: Model, names: Sequence[str], own: Array) -> Array:
+        """The constants (q,) of these names that go with its values, within their bounds; others keep their `own`."""
+        c = [self.constants.get(name, value) for name, value in zip(names, own.tolist(), strict=True)]
+        return np.clip(np.array(c), *constant_bounds(model, names).T)
 
 
 @dataclass(frozen=True)

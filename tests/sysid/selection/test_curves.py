@@ -76,6 +76,7 @@ def test_what_a_rail_or_a_ball_does_may_depend_on_anything_else() -> None:
     alone = {(one.quantity, *one.variables) for one in blocks(seen, {"rail": 4, "number": 2})}
     joint = blocks(seen, {"rail": 4, "number": 2}, joint=True)
     more = {(one.quantity, *one.variables): one for one in joint if (one.quantity, *one.variables) not in alone}
+    assert ("cushion_e", "rail", "along") in alone  # a worn part of one cushion is looked for in any case
     every = {(one.quantity, *one.variables): one for one in joint}
     for wanted in (("cushion_e", "rail", "order"), ("cushion_mu", "rail", "approach"), ("drag", "number", "heading")):
         assert (wanted in more) == (wanted[1] == "number")  # each rail is a body of its own, and looked at in any case
